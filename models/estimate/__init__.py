@@ -1,0 +1,1 @@
+"""Estimation of a sensor's noise level, its kind and its uncertainty."""

@@ -1,0 +1,87 @@
+"""What an estimator says of one message, and what the node publishes of a sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+LEVELS = np.arange(0.0, 101.0, 10.0)
+"""The eleven noise levels, %, shape (11,)."""
+
+CAMERA_KINDS = ("clean", "blur", "over", "under", "noise")
+RADAR_KINDS = ("clean", "snr", "ghosts", "missed", "jitter")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """A network's answer for one frame or scan, unfiltered.
+
+    Attributes
+    ----------
+    probabilities:
+        (11,) float64 over ``LEVELS``, sums to 1.
+    kind_probabilities:
+        Probability by kind, sums to 1.
+    """
+
+    probabilities: NDArray[np.float64]
+    kind_probabilities: dict[str, float]
+
+    @property
+    def level(self) -> float:
+        """Mean of the distribution, %."""
+        return float(self.probabilities @ LEVELS)
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of the distribution, %."""
+        return float(np.sqrt(self.probabilities @ (LEVELS - self.level) ** 2))
+
+    @property
+    def kind(self) -> str:
+        """The most probable kind."""
+        return max(self.kind_probabilities, key=lambda kind: self.kind_probabilities[kind])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseLevel:
+    """The published noise level of one sensor at one message.
+
+    Attributes
+    ----------
+    sensor:
+        The sensor's name in the scene.
+    stamp_ns:
+        Moment of capture of the message, integer nanoseconds.
+    level, std:
+        Filtered level and its standard deviation, %.
+    probabilities:
+        (11,) float64 over ``LEVELS``, filtered.
+    kind, kind_probabilities:
+        Most probable kind, and the probability of each.
+    raw:
+        Level by this message alone, %.
+    injected:
+        ``{kind: level in %}`` that was injected into this message; None where nothing was.
+    latency_ns:
+        From the message's arrival at the node until it was published, nanoseconds.
+    sequence:
+        The message's own.
+    dropped:
+        Messages of this sensor lost before this one since the start: by the source and the queue.
+    """
+
+    sensor: str
+    stamp_ns: int
+    level: float
+    std: float
+    probabilities: NDArray[np.float64]
+    kind: str
+    kind_probabilities: dict[str, float]
+    raw: float
+    injected: dict[str, float] | None
+    latency_ns: int
+    sequence: int
+    dropped: int

@@ -1,0 +1,1 @@
+"""Measurement: error against run time, with the goals it is held to."""

@@ -1,0 +1,1 @@
+"""The simulated world: a road, and the radar and the camera that see it."""

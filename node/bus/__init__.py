@@ -1,0 +1,1 @@
+"""The bus that carries levels, scans and events to whoever listens."""

@@ -1,0 +1,51 @@
+"""The command ``murk``: one module a command, each importing what it needs only when it runs."""
+
+from __future__ import annotations
+
+import sys
+from importlib.metadata import version
+from typing import Annotated
+
+import typer
+
+from dbc.errors import MurkError
+
+app = typer.Typer(
+    name="murk",
+    help="Tells how bad each sensor is right now, and makes them worse on purpose.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"murk {version('murk')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[  # noqa: ARG001
+        bool, typer.Option("--version", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    pass
+
+
+def main() -> None:
+    """Run the command line; a ``MurkError`` becomes one line on standard error and its exit code.
+
+    Exit codes: 0 done, 1 the run failed, 2 wrong usage or a bad file.
+    """
+    try:
+        app()
+    except MurkError as error:
+        sys.stderr.write(f"murk: {error}\n")
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(1)

@@ -1,0 +1,29 @@
+"""How commands speak: one JSON object a line for programs, rich tables for people."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} has no JSON form")
+
+
+def emit(record: Mapping[str, Any]) -> None:
+    """Write one JSON object as a line on standard output; arrays become lists.
+
+    Raises
+    ------
+    ValueError
+        If a value is NaN or infinite, which JSON cannot say.
+    """
+    sys.stdout.write(json.dumps(record, default=_plain, allow_nan=False) + "\n")
