@@ -1,0 +1,140 @@
+"""A network of murk in an ONNX file: checked when loaded, run on one thread.
+
+Each file names itself in its metadata, so that a file of another make, of another sensor or of
+another version is refused when it is loaded instead of answering nonsense:
+
+``murk.model``
+    The sensor: ``camera`` or ``radar``.
+``murk.version``
+    Version of the inputs' meaning; it changes when the features of that sensor change.
+``murk.kinds``
+    The kinds in the order of the output ``kind``, separated by commas.
+
+Outputs of every network: ``level`` (1, 11) and ``kind`` (1, number of kinds), float32 logits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import onnxruntime as ort
+from numpy.typing import NDArray
+
+from dbc.errors import ModelError
+from models.estimate.level import LEVELS, Estimate
+
+WEIGHTS = Path(__file__).resolve().parents[1] / "weights"
+"""Folder of the networks that murk ships."""
+
+_OUTPUTS = ("level", "kind")
+_ERRORS_ONLY = 3
+
+
+class Network:
+    """A session of ONNX Runtime on one thread that never spins; safe to share between threads.
+
+    Parameters
+    ----------
+    path:
+        The ONNX file.
+    model:
+        The sensor that it must be for: ``camera`` or ``radar``.
+    version:
+        The version of the inputs' meaning that the caller prepares.
+    inputs:
+        Shape of each input by name, all float32; None stands for any length.
+
+    Attributes
+    ----------
+    kinds:
+        The kinds that it tells apart.
+
+    Raises
+    ------
+    ModelError
+        If the file is missing, corrupt, or not the network that was asked for.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        model: str,
+        version: int,
+        inputs: Mapping[str, tuple[int | None, ...]],
+    ) -> None:
+        self._session = _open(path)
+        metadata = self._session.get_modelmeta().custom_metadata_map
+        if metadata.get("murk.model") != model:
+            found = metadata.get("murk.model")
+            what = f"is murk's {found} network" if found else "is not a network of murk"
+            raise ModelError(path, what, f"expected one made by 'murk train {model}'")
+        if metadata.get("murk.version") != str(version):
+            raise ModelError(
+                path,
+                f"has version {metadata.get('murk.version')} of the inputs, not {version}",
+                f"train it again: murk train {model}",
+            )
+        self.kinds = tuple(metadata.get("murk.kinds", "").split(","))
+        _check_inputs(path, self._session, inputs)
+        _check_outputs(path, self._session, len(self.kinds))
+
+    def run(self, inputs: Mapping[str, NDArray[np.float32]]) -> Estimate:
+        """Return the estimate for one frame or scan (leading dimension 1)."""
+        level, kind = self._session.run(_OUTPUTS, dict(inputs))
+        kind_probabilities = softmax(kind[0]).tolist()
+        return Estimate(
+            probabilities=softmax(level[0]),
+            kind_probabilities=dict(zip(self.kinds, kind_probabilities, strict=True)),
+        )
+
+
+def softmax(logits: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return probabilities over the last axis, float64, summing to 1."""
+    shifted = np.asarray(logits, np.float64)
+    exponential = np.exp(shifted - shifted.max(axis=-1, keepdims=True))
+    return np.asarray(exponential / exponential.sum(axis=-1, keepdims=True))
+
+
+def _open(path: Path) -> ort.InferenceSession:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ModelError(
+            path, error.strerror or "cannot be read", "expected an ONNX file"
+        ) from None
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
+    options.log_severity_level = _ERRORS_ONLY
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    try:
+        return ort.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    except Exception:  # ONNX Runtime's exceptions share no other base
+        raise ModelError(path, "is no ONNX file that ONNX Runtime can load") from None
+
+
+def _check_inputs(
+    path: Path, session: ort.InferenceSession, inputs: Mapping[str, tuple[int | None, ...]]
+) -> None:
+    found = {node.name: node for node in session.get_inputs()}
+    if set(found) != set(inputs):
+        raise ModelError(path, f"has inputs {sorted(found)}", f"expected {sorted(inputs)}")
+    for name, shape in inputs.items():
+        free = tuple(n if isinstance(n, int) else None for n in found[name].shape)
+        if free != shape or found[name].type != "tensor(float)":
+            raise ModelError(
+                path,
+                f"input {name} is {found[name].type} of shape {list(free)}",
+                f"expected tensor(float) of shape {list(shape)}",
+            )
+
+
+def _check_outputs(path: Path, session: ort.InferenceSession, kinds: int) -> None:
+    found = {node.name: list(node.shape[1:]) for node in session.get_outputs()}
+    if found != {"level": [len(LEVELS)], "kind": [kinds]}:
+        raise ModelError(
+            path, f"has outputs {found}", f"expected level [{len(LEVELS)}] and kind [{kinds}]"
+        )
