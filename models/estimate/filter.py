@@ -109,7 +109,7 @@ class LevelFilter:
         self.correlation_s = correlation_s
         self.late = 0
         self._stamp_ns: int | None = None
-        self._log = np.full(_N, -math.log(_N))
+        self._log: FloatArray = np.full(_N, -math.log(_N))
 
     def update(self, stamp_ns: int, probabilities: ArrayLike) -> FloatArray:
         """Take in one measurement.
