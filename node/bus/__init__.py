@@ -1,1 +1,1 @@
-"""The bus that carries levels, scans and events to whoever listens."""
+"""The bus that carries levels, scans, states and events to whoever listens."""

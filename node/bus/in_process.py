@@ -1,0 +1,146 @@
+"""The in-process bus: topics, their latest value, and callbacks that cannot stall the pipeline."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from threading import Lock, Thread
+from types import TracebackType
+from typing import Any, Self
+
+from node.mailbox import Closed, Mailbox
+
+log = logging.getLogger("murk.bus")
+
+KEEP_LAST = 5
+"""Messages kept for a subscriber that is behind, as ROS 2's sensor-data QoS does."""
+
+
+class Subscription:
+    """One listener of one topic; it has a queue of its own, so that it can only delay itself.
+
+    Iterate over it, or give ``Bus.subscribe`` a callback.
+    """
+
+    def __init__(self, bus: Bus, topic: str, depth: int) -> None:
+        self.topic = topic
+        self.errors = 0
+        self._bus = bus
+        self._mailbox: Mailbox[Any] = Mailbox(depth, lossless=False)
+
+    @property
+    def dropped(self) -> int:
+        """Messages this listener was too slow for."""
+        return self._mailbox.dropped
+
+    def deliver(self, message: Any) -> None:
+        """Queue a message; called by the bus."""
+        self._mailbox.put(message)
+
+    def __iter__(self) -> Iterator[Any]:
+        while True:
+            try:
+                yield self._mailbox.get()
+            except Closed:
+                return
+
+    def close(self) -> None:
+        """Stop listening; what is queued is still delivered."""
+        self._bus.unsubscribe(self)
+        self._mailbox.close()
+
+    def call(self, callback: Callable[[Any], None]) -> None:
+        """Call ``callback`` with every message until closed; what it raises is counted."""
+        for message in self:
+            try:
+                callback(message)
+            except Exception:
+                self.errors += 1
+                if self.errors == 1:
+                    log.exception(
+                        "a callback on %s failed; further failures are counted", self.topic
+                    )
+
+
+class Bus:
+    """Topics by name; publishing costs one queue operation a subscriber and never waits.
+
+    Use as a context manager, or call ``close``.
+    """
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._subscriptions: dict[str, list[Subscription]] = {}
+        self._latest: dict[str, Any] = {}
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Make ``message`` the topic's latest value and queue it for every subscriber."""
+        with self._lock:
+            self._latest[topic] = message
+            for subscription in self._subscriptions.get(topic, ()):
+                subscription.deliver(message)
+
+    def latest(self, topic: str) -> Any | None:
+        """Return the last message published on the topic, or None."""
+        return self._latest.get(topic)
+
+    def topics(self) -> list[str]:
+        """Return the topics on which something was published, sorted."""
+        with self._lock:
+            return sorted(self._latest)
+
+    def has_subscribers(self, topic: str) -> bool:
+        """Tell whether anybody listens, so that nothing is made for nobody."""
+        return bool(self._subscriptions.get(topic))
+
+    def subscribe(
+        self,
+        topic: str,
+        callback: Callable[[Any], None] | None = None,
+        *,
+        depth: int = KEEP_LAST,
+        last_value: bool = True,
+    ) -> Subscription:
+        """Listen to a topic: iterate over the result, or have ``callback`` called in its thread.
+
+        Parameters
+        ----------
+        depth:
+            Messages kept while the listener is busy; the oldest is dropped, and counted.
+        last_value:
+            Deliver the topic's latest value at once (a late joiner's first message).
+        """
+        subscription = Subscription(self, topic, depth)
+        with self._lock:
+            self._subscriptions.setdefault(topic, []).append(subscription)
+            if last_value and topic in self._latest:
+                subscription.deliver(self._latest[topic])
+        if callback is not None:
+            name = f"murk-callback-{topic}"
+            Thread(target=subscription.call, args=(callback,), name=name, daemon=True).start()
+        return subscription
+
+    def unsubscribe(self, subscription: Subscription) -> None:
+        """Stop delivering to a subscription."""
+        with self._lock:
+            listeners = self._subscriptions.get(subscription.topic, [])
+            if subscription in listeners:
+                listeners.remove(subscription)
+
+    def close(self) -> None:
+        """Close every subscription."""
+        with self._lock:
+            open_ones = [one for listeners in self._subscriptions.values() for one in listeners]
+        for subscription in open_ones:
+            subscription.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

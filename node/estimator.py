@@ -1,0 +1,92 @@
+"""From one message to the sensor's noise level: the network, then the filters in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import monotonic_ns
+from typing import Any
+
+import numpy as np
+
+from drivers.frame import Frame
+from drivers.scan import RadarScan
+from models.estimate.filter import LevelFilter
+from models.estimate.level import LEVELS, Estimate, NoiseLevel
+from models.estimate.smooth import KindFilter
+from node.scene import SensorType
+
+DRIFT_PER_S = 1.0
+JUMP_PER_S = 0.2
+CORRELATION_S = {"camera": 0.2, "radar": 0.3}
+KIND_TIME_CONSTANT_S = 0.3
+
+
+def _network(sensor_type: SensorType) -> Callable[[Any], Estimate]:
+    if sensor_type == "camera":
+        from models.estimate.camera import CameraEstimator
+
+        camera = CameraEstimator()
+
+        def estimate_frame(frame: Frame) -> Estimate:
+            return camera.estimate(frame.image)
+
+        return estimate_frame
+    from models.estimate.radar import RadarEstimator
+
+    radar = RadarEstimator()
+
+    def estimate_scan(scan: RadarScan) -> Estimate:
+        return radar.estimate(scan)
+
+    return estimate_scan
+
+
+class Estimator:
+    """Estimates the noise level of one sensor, message by message.
+
+    Raises
+    ------
+    ModelError
+        If the network's file is missing or not murk's.
+    """
+
+    def __init__(self, sensor_type: SensorType) -> None:
+        self._network = _network(sensor_type)
+        self._levels = LevelFilter(DRIFT_PER_S, JUMP_PER_S, CORRELATION_S[sensor_type])
+        self._kinds = KindFilter(KIND_TIME_CONSTANT_S)
+
+    def estimate(
+        self,
+        message: Any,
+        *,
+        arrival_ns: int,
+        injected: dict[str, float] | None,
+        dropped: int,
+    ) -> NoiseLevel:
+        """Return the noise level at a Frame or RadarScan.
+
+        Parameters
+        ----------
+        arrival_ns:
+            When the message reached the node, by the monotonic clock, nanoseconds.
+        injected, dropped:
+            The message's history; see ``NoiseLevel``.
+        """
+        estimate = self._network(message)
+        probabilities = self._levels.update(message.stamp_ns, estimate.probabilities)
+        kinds = self._kinds.update(message.stamp_ns, estimate.kind_probabilities)
+        level = float(probabilities @ LEVELS)
+        return NoiseLevel(
+            sensor=message.sensor,
+            stamp_ns=message.stamp_ns,
+            level=level,
+            std=float(np.sqrt(probabilities @ (LEVELS - level) ** 2)),
+            probabilities=probabilities,
+            kind=max(kinds, key=lambda kind: kinds[kind]),
+            kind_probabilities=kinds,
+            raw=estimate.level,
+            injected=injected,
+            latency_ns=monotonic_ns() - arrival_ns,
+            sequence=message.sequence,
+            dropped=dropped,
+        )

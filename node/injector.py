@@ -1,0 +1,88 @@
+"""Fault injection into one sensor's messages, by the scene's schedule or by a call while running."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from threading import Lock
+from typing import Any
+
+from dbc.errors import SceneError
+from drivers.frame import Frame
+from drivers.scan import RadarScan
+from models.degrade.draw import DrawKey
+from node.scene import KINDS, Injection, Sensor
+
+
+def _degrade_frame(frame: Frame, kind: str, level: float, key: DrawKey) -> Frame:
+    from models.degrade import camera
+
+    return replace(frame, image=camera.apply(camera.draw(kind, level, key), frame.image))
+
+
+def _degrade_scan(scan: RadarScan, kind: str, level: float, key: DrawKey) -> RadarScan:
+    from models.degrade import radar
+
+    return radar.apply(radar.draw(kind, level, key), scan)
+
+
+class Injector:
+    """Degrades the messages of one sensor.
+
+    Parameters
+    ----------
+    sensor:
+        The sensor whose messages will come.
+    injections:
+        The scene's injections into this sensor, applied in this order.
+    seed:
+        The run's seed: the same seed degrades the same message in the same way.
+    """
+
+    def __init__(self, sensor: Sensor, injections: Iterable[Injection], seed: int) -> None:
+        self._sensor = sensor
+        self._schedule = {injection.kind: injection for injection in injections}
+        self._seed = seed
+        self._set: dict[str, float] = {}
+        self._lock = Lock()
+
+    def set_level(self, kind: str, level: float | None) -> None:
+        """Override the schedule of one kind from now on; None gives it back to the schedule.
+
+        Raises
+        ------
+        SceneError
+            If the sensor has no such kind, or the level is outside 0–100 %.
+        """
+        kinds = KINDS[self._sensor.type]
+        if kind not in kinds:
+            expected = f"a {self._sensor.type} has {', '.join(kinds)}"
+            raise SceneError(self._sensor.name, f"has no kind '{kind}'", expected)
+        if level is not None and not 0 <= level <= 100:
+            raise SceneError(f"{self._sensor.name}:{kind}", f"level {level}", "expected 0 to 100")
+        with self._lock:
+            if level is None:
+                self._set.pop(kind, None)
+            else:
+                self._set[kind] = level
+
+    def levels_at(self, t_s: float) -> dict[str, float]:
+        """Return the levels (%) above 0 in force ``t_s`` seconds after the first message."""
+        levels = {kind: injection.level_at(t_s) for kind, injection in self._schedule.items()}
+        with self._lock:
+            levels |= self._set
+        return {kind: level for kind, level in levels.items() if level > 0}
+
+    def inject(self, message: Any, t_s: float) -> tuple[Any, dict[str, float] | None]:
+        """Degrade a Frame or a RadarScan.
+
+        Returns
+        -------
+        The message and what was injected (level in % by kind), None where nothing was.
+        """
+        degrade = _degrade_frame if isinstance(message, Frame) else _degrade_scan
+        levels = self.levels_at(t_s)
+        key = DrawKey(self._seed, self._sensor.name, message.sequence)
+        for kind, level in levels.items():
+            message = degrade(message, kind, level, key)
+        return message, levels or None

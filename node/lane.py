@@ -1,0 +1,212 @@
+"""One sensor's way through the pipeline: a thread that reads, and a thread that works."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import replace
+from threading import Event, Thread
+from time import monotonic, monotonic_ns
+from typing import Any, NamedTuple
+
+from dbc.errors import InputError, MurkError
+from drivers.frame import Frame
+from drivers.scan import MotionInput, RadarScan
+from models.estimate.level import NoiseLevel
+from node.bus.in_process import Bus
+from node.estimator import Estimator
+from node.injector import Injector
+from node.mailbox import Closed, Mailbox
+from node.plan import Plan
+from node.scene import Sensor
+from node.sources import Message, Source
+from node.statistics import SensorStatistics
+
+log = logging.getLogger("murk.lane")
+
+QUEUE_DEPTH = 5
+"""Messages that wait for the worker at most, as ROS 2's sensor-data QoS keeps."""
+
+
+class Arrived(NamedTuple):
+    """A message with its history: when it reached the node, and how far into the run that is."""
+
+    message: Frame | RadarScan
+    arrival_ns: int
+    t_ns: int
+
+
+class Result(NamedTuple):
+    """What a worker hands over: a noise level, or None at the end of its sensor."""
+
+    sensor: str
+    t_ns: int
+    level: NoiseLevel | None
+
+
+class Lane:
+    """Source, queue, injector and estimator of one sensor.
+
+    Attributes
+    ----------
+    statistics:
+        What was counted so far.
+    error:
+        Why reading ended, where it did not end well.
+    injector:
+        None where the scene injects nothing into this sensor.
+    """
+
+    def __init__(self, plan: Plan, sensor: Sensor, source: Source, bus: Bus) -> None:
+        scene = plan.scene
+        self.source = source
+        self.statistics = SensorStatistics()
+        self.error: MurkError | None = None
+        self.injector: Injector | None = None
+        if plan.keeps("inject", sensor.name):
+            wanted = (one for one in scene.injections if one.sensor == sensor.name)
+            self.injector = Injector(sensor, wanted, scene.seed)
+        self._sensor = sensor
+        self._clock = scene.clock
+        self._duration_ns = None if scene.duration_s is None else round(scene.duration_s * 1e9)
+        self._estimator = Estimator(sensor.type)
+        self._bus = bus
+        lossless = scene.clock.fast and not source.live
+        self._queue: Mailbox[Arrived] = Mailbox(QUEUE_DEPTH, lossless=lossless)
+
+    def threads(self, stop: Event, results: Mailbox[Result]) -> list[Thread]:
+        """Return the lane's two threads, not yet started."""
+        name = self._sensor.name
+        return [
+            Thread(target=self._read, args=(stop,), name=f"murk-read-{name}", daemon=True),
+            Thread(target=self._work, args=(results,), name=f"murk-work-{name}", daemon=True),
+        ]
+
+    def _read(self, stop: Event) -> None:
+        try:
+            self._queue_messages(stop)
+        except MurkError as error:
+            self.error = error
+        except Exception as error:
+            log.exception("reading %s failed", self._sensor.name)
+            self.error = MurkError(f"{self._sensor.source}: {error}")
+        finally:
+            self._queue.close()
+
+    def _queue_messages(self, stop: Event) -> None:
+        """Read the source, keep its pace, and queue what the worker shall estimate."""
+        objects_only = False
+        pace = _Pace(None if self._clock.fast or self.source.live else self._clock.speed)
+        for message in _looped(self.source, self._clock.loop and not self.source.live):
+            if stop.is_set():
+                return
+            if not isinstance(message, Frame | RadarScan):
+                topic = "motion_input" if isinstance(message, MotionInput) else "radar_state"
+                self._publish(topic, message)
+                continue
+            if isinstance(message, RadarScan) and message.mode == "object":
+                objects_only = not self.statistics.received
+                continue
+            t_ns = pace.since_start_ns(message.stamp_ns)
+            over = self._duration_ns is not None and t_ns >= self._duration_ns
+            if over or pace.stopped_before(t_ns, stop):
+                return
+            self.statistics.receive(message)
+            self._queue.put(Arrived(message, monotonic_ns(), t_ns))
+        if not self.statistics.received and not stop.is_set():
+            raise self._nothing(objects_only)
+
+    def _nothing(self, objects_only: bool) -> InputError:
+        if self._sensor.type == "camera":
+            return InputError(self._sensor.source, "holds no frame", "expected a video or images")
+        if objects_only:
+            expected = "the noise level needs clusters: set the radar's OutputType to clusters"
+            return InputError(self._sensor.source, "holds objects, no clusters", expected)
+        what = f"holds no cluster scan of SensorID {self._sensor.sensor_id}"
+        return InputError(self._sensor.source, what, "expected CAN IDs 0x600, 0x701 (+ 0x10 × ID)")
+
+    def _work(self, results: Mailbox[Result]) -> None:
+        """Inject, estimate and publish until the reader is done; a bad message is counted."""
+        while True:
+            try:
+                arrived = self._queue.get()
+            except Closed:
+                break
+            try:
+                level = self._process(arrived)
+            except Exception:
+                self.statistics.failures += 1
+                if self.statistics.failures == 1:
+                    log.exception("a message of %s failed; more are counted", self._sensor.name)
+            else:
+                results.put(Result(self._sensor.name, arrived.t_ns, level))
+        results.put(Result(self._sensor.name, 0, None))
+
+    def _process(self, arrived: Arrived) -> NoiseLevel:
+        self.statistics.dropped_by_queue = self._queue.dropped
+        message: Frame | RadarScan = arrived.message
+        injected = None
+        if self.injector is not None:
+            message, injected = self.injector.inject(message, arrived.t_ns * 1e-9)
+        self._publish("image" if isinstance(message, Frame) else "scan", message)
+        level = self._estimator.estimate(
+            message,
+            arrival_ns=arrived.arrival_ns,
+            injected=injected,
+            dropped=self.statistics.dropped,
+        )
+        self.statistics.count(level)
+        self._publish("noise_level", level)
+        return level
+
+    def _publish(self, topic: str, message: Any) -> None:
+        self._bus.publish(f"/murk/{self._sensor.name}/{topic}", message)
+
+
+class _Pace:
+    """When a recorded message is due, counted from the first one; ``speed`` None never waits."""
+
+    def __init__(self, speed: float | None) -> None:
+        self._speed = speed
+        self._first_stamp_ns: int | None = None
+        self._start_s = 0.0
+
+    def since_start_ns(self, stamp_ns: int) -> int:
+        if self._first_stamp_ns is None:
+            self._first_stamp_ns = stamp_ns
+            self._start_s = monotonic()
+        return stamp_ns - self._first_stamp_ns
+
+    def stopped_before(self, t_ns: int, stop: Event) -> bool:
+        """Wait until a message is due; return True if the run was stopped before that."""
+        if self._speed is None:
+            return stop.is_set()
+        due_s = self._start_s + t_ns * 1e-9 / self._speed - monotonic()
+        return stop.wait(due_s) if due_s > 0 else stop.is_set()
+
+
+def _looped(source: Source, loop: bool) -> Iterator[Message]:
+    """Yield a source's messages; with ``loop`` again and again, stamps and sequence going on."""
+    shift: dict[str, int] = {}
+    while True:
+        first: Frame | RadarScan | None = None
+        last: Frame | RadarScan | None = None
+        count = 0
+        for original in source.messages():
+            message = original
+            if shift:
+                moved = {
+                    n: getattr(message, n) + by for n, by in shift.items() if hasattr(message, n)
+                }
+                message = replace(message, **moved)  # type: ignore[arg-type]
+            if isinstance(message, Frame | RadarScan):
+                first, last, count = first or message, message, count + 1
+            yield message
+        if not loop or first is None or last is None:
+            return
+        period_ns = (last.stamp_ns - first.stamp_ns) // max(1, count - 1)
+        shift = {
+            "stamp_ns": shift.get("stamp_ns", 0) + last.stamp_ns - first.stamp_ns + period_ns,
+            "sequence": last.sequence + 1,
+            "dropped": last.dropped,
+        }

@@ -1,0 +1,200 @@
+"""The scene: which sensors there are, what is injected into them, and what comes out.
+
+A scene is a TOML file or built from flags; either way it is checked here, and an error names the
+field that is wrong.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from dbc.errors import SceneError
+from models.estimate.level import CAMERA_KINDS, RADAR_KINDS
+
+SensorType = Literal["radar", "camera"]
+WORLD = "world"
+"""The source that is the simulated world."""
+
+KINDS: dict[str, tuple[str, ...]] = {"camera": CAMERA_KINDS[1:], "radar": RADAR_KINDS[1:]}
+"""Kinds that can be injected, by sensor type."""
+
+Level = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
+Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Sensor(_Strict):
+    """One sensor and where its data comes from.
+
+    ``source`` is a file (a CAN log, a video, a folder of images), a device (``/dev/video0``), a
+    CAN bus (``socketcan:can0``) or ``world``, the simulated one. ``sensor_id`` is the radar's
+    SensorID, which shifts its CAN IDs by 0x10 each.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+    type: SensorType
+    source: Annotated[str, Field(min_length=1)]
+    sensor_id: Annotated[int, Field(ge=0, le=7)] = 0
+
+
+class Injection(_Strict):
+    """A degradation of one sensor over time.
+
+    Either ``level`` (%, constant) or ``points``, pairs of seconds and level (%): before the first
+    point the level is 0; between points it holds (``shape = "step"``) or goes straight from one
+    to the next (``"ramp"``); after the last it stays.
+    """
+
+    sensor: str
+    kind: str
+    level: Level | None = None
+    points: Annotated[tuple[tuple[Seconds, Level], ...], Field(min_length=1)] | None = None
+    shape: Literal["step", "ramp"] = "step"
+
+    @model_validator(mode="after")
+    def _one_schedule_in_order(self) -> Self:
+        if (self.level is None) == (self.points is None):
+            raise ValueError("give either 'level' or 'points'")
+        times = [t for t, _ in self.points or ()]
+        if times != sorted(times):
+            raise ValueError("the times of 'points' must not decrease")
+        return self
+
+    def level_at(self, t_s: float) -> float:
+        """Return the level (%) at ``t_s`` seconds after the sensor's first message."""
+        if self.points is None:
+            return float(self.level or 0.0)
+        times, levels = np.array(self.points).T
+        after = int(np.searchsorted(times, t_s, side="right"))
+        if after == 0:
+            return 0.0
+        if self.shape == "ramp":
+            return float(np.interp(t_s, times, levels))
+        return float(levels[after - 1])
+
+
+class Clock(_Strict):
+    """How recordings and the simulated world are paced; live sensors pace themselves.
+
+    ``speed`` multiplies real time; ``fast`` means as fast as possible, with nothing dropped;
+    ``loop`` starts recordings again at their end.
+    """
+
+    speed: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] = 1.0
+    fast: bool = False
+    loop: bool = False
+
+
+class Outputs(_Strict):
+    """What is written beside the levels that the bus carries.
+
+    ``picture`` is a PNG file that gets injected and estimated levels over time.
+    """
+
+    picture: Path | None = None
+
+
+class Scene(_Strict):
+    """Everything a run needs to know."""
+
+    name: str = "scene"
+    seed: Annotated[int, Field(ge=0)] = 0
+    duration_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    clock: Clock = Clock()
+    sensors: Annotated[tuple[Sensor, ...], Field(min_length=1)]
+    injections: tuple[Injection, ...] = ()
+    outputs: Outputs = Outputs()
+
+    @model_validator(mode="after")
+    def _names_and_kinds_exist(self) -> Self:
+        types = {sensor.name: sensor.type for sensor in self.sensors}
+        if len(types) < len(self.sensors):
+            raise ValueError("two sensors have the same name")
+        for injection in self.injections:
+            if injection.sensor not in types:
+                raise ValueError(
+                    f"injection into '{injection.sensor}', but the sensors are {_list(types)}"
+                )
+            kinds = KINDS[types[injection.sensor]]
+            if injection.kind not in kinds:
+                raise ValueError(
+                    f"a {types[injection.sensor]} has no kind '{injection.kind}'; "
+                    f"it has {_list(kinds)}"
+                )
+        pairs = [(injection.sensor, injection.kind) for injection in self.injections]
+        if len(set(pairs)) < len(pairs):
+            raise ValueError("two injections of the same kind into the same sensor")
+        return self
+
+
+def _list(names: Sequence[str] | dict[str, Any]) -> str:
+    return ", ".join(f"'{name}'" for name in names)
+
+
+def check_scene(content: dict[str, Any], where: object) -> Scene:
+    """Build a scene from the content of a TOML file or from flags.
+
+    Raises
+    ------
+    SceneError
+        Naming ``where`` and the field, if a key is unknown or a value impossible.
+    """
+    try:
+        return Scene.model_validate(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(str(part) for part in first["loc"])
+        what = first["msg"].removeprefix("Value error, ")
+        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        if first["type"] == "extra_forbidden":
+            what = "is not a key that murk knows"
+        place = f"{where}: {field}" if field else where
+        raise SceneError(place, what + more, "see docs/scene.md") from None
+
+
+def read_scene_file(path: Path) -> dict[str, Any]:
+    """Return the content of a scene file, relative paths in it resolved against its folder.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be read or is not TOML (with the line).
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SceneError(path, error.strerror or "cannot be read", "give a TOML file") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SceneError(path, f"is not TOML: {error}", "see docs/scene.md") from None
+    sensors = content.get("sensors")
+    for sensor in sensors if isinstance(sensors, list) else []:
+        source = sensor.get("source") if isinstance(sensor, dict) else None
+        if isinstance(source, str) and (path.parent / source).exists():
+            sensor["source"] = str(path.parent / source)
+    return content
+
+
+def parse_injection(flag: str) -> dict[str, Any]:
+    """Turn ``SENSOR:KIND:LEVEL`` into the content of an injection.
+
+    Raises
+    ------
+    SceneError
+        If the flag does not have three parts, or its level is not a number.
+    """
+    parts = flag.split(":")
+    try:
+        sensor, kind, level = parts
+        return {"sensor": sensor, "kind": kind, "level": float(level)}
+    except ValueError:
+        expected = "expected SENSOR:KIND:LEVEL, for example camera:noise:60"
+        raise SceneError(f"--inject {flag}", "is not an injection", expected) from None

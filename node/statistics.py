@@ -1,0 +1,105 @@
+"""What the pipeline counts of each sensor, and the summary of a run."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from drivers.frame import Frame
+from drivers.scan import RadarScan
+from models.estimate.level import NoiseLevel
+
+LATENCIES_KEPT = 65536
+
+
+@dataclass(slots=True)
+class SensorStatistics:
+    """Counts of one sensor since the start of the run.
+
+    Attributes
+    ----------
+    received:
+        Frames or scans that the source yielded.
+    estimated:
+        Noise levels published.
+    dropped_by_source:
+        Messages that the source lost (kernel drops, frames that did not decode).
+    dropped_by_queue:
+        Messages that made room for newer ones.
+    frames_lost, cycles_lost:
+        CAN frames missing from scans, and whole radar cycles missing between scans.
+    failures:
+        Messages that could not be processed.
+    """
+
+    received: int = 0
+    estimated: int = 0
+    dropped_by_source: int = 0
+    dropped_by_queue: int = 0
+    frames_lost: int = 0
+    cycles_lost: int = 0
+    failures: int = 0
+    first_stamp_ns: int | None = None
+    last_stamp_ns: int = 0
+    level_sum: float = 0.0
+    error_sum: float = 0.0
+    latencies_ns: deque[int] = field(default_factory=lambda: deque(maxlen=LATENCIES_KEPT))
+
+    @property
+    def dropped(self) -> int:
+        """Messages lost so far, by the source and by the queue."""
+        return self.dropped_by_source + self.dropped_by_queue
+
+    def receive(self, message: Frame | RadarScan) -> None:
+        """Take in one message of the source."""
+        self.received += 1
+        self.dropped_by_source = message.dropped
+        if self.first_stamp_ns is None:
+            self.first_stamp_ns = message.stamp_ns
+        self.last_stamp_ns = message.stamp_ns
+        if isinstance(message, RadarScan):
+            self.frames_lost += message.frames_lost
+            self.cycles_lost += message.cycles_lost
+
+    def count(self, level: NoiseLevel) -> None:
+        """Take in one published noise level."""
+        self.estimated += 1
+        self.level_sum += level.level
+        self.error_sum += abs(level.level - true_level(level))
+        self.latencies_ns.append(level.latency_ns)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the counts, the mean level and the latencies, for JSON.
+
+        ``mean_error`` is the mean of abs(level − injected level), %, as if the source were clean.
+        """
+        seen = "seen" if self.received else "never seen"
+        record: dict[str, Any] = {"state": seen, "received": self.received}
+        record |= {
+            name: getattr(self, name)
+            for name in (
+                "estimated",
+                "dropped_by_source",
+                "dropped_by_queue",
+                "frames_lost",
+                "cycles_lost",
+                "failures",
+            )
+        }
+        if self.first_stamp_ns is not None and self.last_stamp_ns > self.first_stamp_ns:
+            span_s = (self.last_stamp_ns - self.first_stamp_ns) * 1e-9
+            record["rate_hz"] = round((self.received - 1) / span_s, 3)
+        if self.estimated:
+            p50, p99 = np.percentile(self.latencies_ns, [50, 99])
+            record["mean_level"] = self.level_sum / self.estimated
+            record["mean_error"] = self.error_sum / self.estimated
+            record["latency_p50_ns"], record["latency_p99_ns"] = int(p50), int(p99)
+        return record
+
+
+def true_level(level: NoiseLevel) -> float:
+    """Return the injected level, %: the strongest kind's where several were, 0 where none was."""
+    return max(level.injected.values(), default=0.0) if level.injected else 0.0
