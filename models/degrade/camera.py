@@ -1,0 +1,247 @@
+"""Camera degradations of the first kind: blur, over- and under-exposure, additive noise.
+
+``draw`` turns a level into parameters, ``apply`` applies them to an image. N = level / 100.
+
+=======  =====================================  ===================================
+kind     what it does                           100 %
+=======  =====================================  ===================================
+blur     Gaussian blur, focus                   21 × 21 pixels, σ = 3.5 px
+over     light gathered × (1 + 3 N), soft edge  four times the light, saturating
+under    light gathered / (1 + 3 N), soft edge  a quarter of the light
+noise    additive Gaussian noise per channel    σ = 100 counts (``std_max``)
+=======  =====================================  ===================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from statistics import NormalDist
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import InputError
+from models.degrade.checks import check_level, check_within
+from models.degrade.draw import DrawKey
+
+Image = NDArray[np.uint8]
+Method = Literal["fast", "exact", "published"]
+
+KINDS = ("blur", "over", "under", "noise")
+
+_SHRINK_FROM = 11
+"""Kernel size from which the fast blur works on the image halved: below, the kernel is as fast."""
+
+_TABLES = 64
+_BINOMIAL = np.array([0.25, 0.5, 0.25])
+
+
+@dataclass(frozen=True, slots=True)
+class Blur:
+    """Gaussian blur of ``size`` × ``size`` pixels and standard deviation ``sigma``, pixels."""
+
+    kind: str
+    level: float
+    size: int
+    sigma: float
+    method: Method
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """Light times ``gain`` through the kernel [1 2 1; 2 4 2; 1 2 1] / 16."""
+
+    kind: str
+    level: float
+    gain: float
+    method: Method
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Additive Gaussian noise of ``std`` counts, from the generator seeded by ``seed``."""
+
+    kind: str
+    level: float
+    std: float
+    seed: int
+    method: Method
+
+
+CameraDegradation = Blur | Exposure | Noise
+
+
+def draw(
+    kind: str,
+    level: float,
+    key: DrawKey,
+    *,
+    method: Method = "fast",
+    std_max: float = 100.0,
+) -> CameraDegradation:
+    """Draw the parameters of one degradation of one image.
+
+    Parameters
+    ----------
+    kind:
+        One of ``KINDS``.
+    level:
+        0 to 100 %; 0 is the identity.
+    key:
+        What the draw depends on.
+    method:
+        ``"fast"``; ``"exact"``, the reference that the fast one approximates; ``"published"``,
+        for blur and noise only: what the code published with the paper does, that is σ =
+        2 round(10 N) for the blur, and for the noise N(0, N) cast to uint8, whose negative draws
+        wrap to 255.
+    std_max:
+        Standard deviation of the noise at 100 %, counts.
+
+    Raises
+    ------
+    InputError
+        If kind, level, method or ``std_max`` is not one of these.
+    """
+    check_level(kind, level, KINDS)
+    check_within("std_max", std_max, 0.0, 255.0, "counts")
+    if method not in ("fast", "exact", "published"):
+        raise InputError(f"method {method!r}", "unknown", "fast, exact or published")
+    N = level / 100.0
+    if kind == "blur":
+        steps = round(10 * N)
+        sigma = 2.0 * steps if method == "published" else 3 * N + 0.5 if N >= 0.1 else 8 * N
+        return Blur(kind, level, max(3, 2 * steps + 1), sigma, method)
+    if kind == "noise":
+        seed = int(key.generator("camera noise").bit_generator.random_raw())
+        return Noise(kind, level, N if method == "published" else N * std_max, seed, method)
+    if method == "published":
+        raise InputError(f"method of {kind}", "no published variant", "fast or exact")
+    gain = 1 + 3 * N
+    return Exposure(kind, level, gain if kind == "over" else 1 / gain, method)
+
+
+def apply(degradation: CameraDegradation, image: Image) -> Image:
+    """Return the degraded image; the input stays as it is.
+
+    The result depends on the arguments only, whatever OpenCV's number of threads. At level 0 it
+    is the image itself.
+
+    Parameters
+    ----------
+    degradation:
+        What ``draw`` returned.
+    image:
+        (height, width, 3) uint8.
+
+    Raises
+    ------
+    InputError
+        If the image is anything else.
+    """
+    check_image(image)
+    if degradation.level == 0:
+        return image
+    match degradation:
+        case Blur():
+            return _blur(degradation, image)
+        case Exposure():
+            return _expose(degradation, image)
+        case Noise(method="fast"):
+            return _add_fast_noise(degradation, image)
+        case Noise():
+            return _add_drawn_noise(degradation, image)
+
+
+def check_image(image: Image) -> None:
+    """Raise ``InputError`` unless the image is (height, width, 3) uint8 and not empty."""
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
+        what = f"shape {image.shape}, {image.dtype}"
+        raise InputError("image", what, "expected (height, width, 3) uint8")
+
+
+def _blur(blur: Blur, image: Image) -> Image:
+    if blur.sigma == 0:
+        return image
+    if blur.method == "fast" and blur.size >= _SHRINK_FROM and min(image.shape[:2]) > blur.size:
+        return _blur_halved(image, blur.size // 2, blur.sigma)
+    blurred = cv2.GaussianBlur(
+        image, (blur.size, blur.size), blur.sigma, borderType=cv2.BORDER_REFLECT_101
+    )
+    return np.asarray(blurred, np.uint8)
+
+
+def _blur_halved(image: Image, radius: int, sigma: float) -> Image:
+    """Blur at half the size: at σ ≥ 2 px the other half of the samples adds nothing.
+
+    Halving by 2 × 2 means has variance 1/4 px² and doubling by bilinear interpolation 4/6 px²;
+    the Gaussian between them supplies the rest.
+    """
+    height, width = image.shape[:2]
+    pad = radius + radius % 2
+    padded = cv2.copyMakeBorder(
+        image, pad, pad + height % 2, pad, pad + width % 2, cv2.BORDER_REFLECT_101
+    )
+    half = (padded.shape[1] // 2, padded.shape[0] // 2)
+    small = cv2.resize(padded, half, interpolation=cv2.INTER_AREA)
+    rest = float(np.sqrt(sigma**2 - 1 / 4 - 4 / 6)) / 2
+    size = 2 * (radius // 2) + 1
+    cv2.GaussianBlur(small, (size, size), rest, dst=small, borderType=cv2.BORDER_REFLECT_101)
+    whole = cv2.resize(small, padded.shape[1::-1], interpolation=cv2.INTER_LINEAR_EXACT)
+    return np.ascontiguousarray(whole[pad : pad + height, pad : pad + width], np.uint8)
+
+
+def _expose(exposure: Exposure, image: Image) -> Image:
+    border = cv2.BORDER_REFLECT_101
+    if exposure.method == "fast":
+        exposed = cv2.sepFilter2D(
+            image, -1, _BINOMIAL * exposure.gain, _BINOMIAL, borderType=border
+        )
+        return np.asarray(exposed, np.uint8)
+    light = cv2.sepFilter2D(image, cv2.CV_64F, _BINOMIAL, _BINOMIAL, borderType=border)
+    return np.clip(np.rint(light * exposure.gain), 0, 255).astype(np.uint8)
+
+
+def _add_fast_noise(noise: Noise, image: Image) -> Image:
+    """Add fresh random bytes, mapped to normal quantiles, strip by strip.
+
+    One byte gives 256 quantiles only. Each strip has a table of its own, shifted by a fraction of
+    a quantile, so that a whole image takes ``_TABLES`` × 256 of them; and a strip fits the cache.
+    """
+    generator = np.random.SFC64(noise.seed)
+    order = np.argsort(generator.random_raw(_TABLES), kind="stable")
+    tables = np.rint(_quantiles() * noise.std).astype(np.int16)
+    flat = np.ascontiguousarray(image).reshape(1, -1)
+    noisy = np.empty_like(flat)
+    words = -(-flat.size // (8 * _TABLES))
+    for strip, table in enumerate(order):
+        part = np.s_[:, strip * words * 8 : (strip + 1) * words * 8]
+        source = flat[part]
+        if source.size == 0:
+            break
+        random = generator.random_raw(words).view(np.uint8)[: source.size]
+        values = cv2.LUT(random.reshape(1, -1), tables[table])
+        cv2.add(source, values, dst=noisy[part], dtype=cv2.CV_8U)
+    return np.asarray(noisy.reshape(image.shape), np.uint8)
+
+
+@cache
+def _quantiles() -> NDArray[np.float64]:
+    """Return (_TABLES, 256) standard normal quantiles, each row symmetric about 0."""
+    normal = NormalDist()
+    half = [
+        [normal.inv_cdf((k + (row + 0.5) / _TABLES) / 256) for k in range(128)]
+        for row in range(_TABLES)
+    ]
+    return np.hstack([half, -np.array(half)])
+
+
+def _add_drawn_noise(noise: Noise, image: Image) -> Image:
+    generator = np.random.Generator(np.random.SFC64(noise.seed))
+    values = generator.standard_normal(image.shape) * noise.std
+    if noise.method == "published":
+        wrapped = (np.trunc(values).astype(np.int64) & 0xFF).astype(np.uint8)
+        return np.asarray(cv2.add(image, wrapped), np.uint8)
+    return np.clip(image + np.rint(values), 0, 255).astype(np.uint8)
