@@ -1,0 +1,106 @@
+"""What every source of camera frames has in common, and the choice of one by its name."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from types import TracebackType
+from typing import ClassVar, Self
+
+from dbc.errors import VideoError
+from drivers.frame import Frame
+
+IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})
+
+
+class FrameSource(ABC):
+    """Frames of one camera, one after the other, as they come: an iterator and context manager.
+
+    Attributes
+    ----------
+    live:
+        True where the frames come at the camera's pace, False where they come as fast as they are
+        asked for.
+    dropped:
+        Frames known to be lost since the source was opened.
+    """
+
+    live: ClassVar[bool]
+    dropped: int = 0
+
+    def __iter__(self) -> Self:
+        return self
+
+    @abstractmethod
+    def __next__(self) -> Frame:
+        """Return the next frame, waiting for it where the source is live."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release the source; closing twice does nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+class Recording(FrameSource):
+    """A source of frames on disk: read once, to its end; damage is counted and left out.
+
+    Raises
+    ------
+    VideoError
+        By the constructor, if not one frame can be read.
+    """
+
+    live = False
+
+    def __init__(self, path: Path, frames: Iterator[Frame]) -> None:
+        first = next(frames, None)
+        if first is None:
+            raise VideoError(path, "not one picture in it can be decoded", "is it damaged?")
+        self._frames = chain((first,), frames)
+
+    def __next__(self) -> Frame:
+        return next(self._frames)
+
+    def close(self) -> None:
+        """End the source; closing twice does nothing."""
+        self._frames = chain()
+
+
+def open_camera_source(spec: str | Path, sensor: str) -> FrameSource:
+    """Open whatever ``spec`` names, importing only the library that it needs.
+
+    Parameters
+    ----------
+    spec:
+        A video file, an image, a folder of images; or a live camera: ``/dev/video0``, ``0``,
+        ``/dev/v4l/by-id/...`` or ``v4l2:CARD NAME``.
+    sensor:
+        The camera's name in the scene.
+
+    Raises
+    ------
+    VideoError
+        If a file or folder is missing, unreadable or holds no picture.
+    DeviceError
+        If a camera is missing, busy or not a camera.
+    """
+    path = Path(spec)
+    if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES:
+        from drivers.images import ImageFolder
+
+        return ImageFolder(path, sensor)
+    from drivers.video import open_video
+
+    return open_video(path, sensor)
