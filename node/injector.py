@@ -1,4 +1,4 @@
-"""Fault injection into one sensor's messages, by the scene's schedule or by a call while running."""
+"""Fault injection into one sensor's messages, by schedule or by a call while running."""
 
 from __future__ import annotations
 

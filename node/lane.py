@@ -55,6 +55,8 @@ class Lane:
         Why reading ended, where it did not end well.
     injector:
         None where the scene injects nothing into this sensor.
+    ended:
+        Whether the worker has handed over its last result.
     """
 
     def __init__(self, plan: Plan, sensor: Sensor, source: Source, bus: Bus) -> None:
@@ -62,6 +64,7 @@ class Lane:
         self.source = source
         self.statistics = SensorStatistics()
         self.error: MurkError | None = None
+        self.ended = False
         self.injector: Injector | None = None
         if plan.keeps("inject", sensor.name):
             wanted = (one for one in scene.injections if one.sensor == sensor.name)
@@ -91,6 +94,7 @@ class Lane:
             log.exception("reading %s failed", self._sensor.name)
             self.error = MurkError(f"{self._sensor.source}: {error}")
         finally:
+            self.source.close()
             self._queue.close()
 
     def _queue_messages(self, stop: Event) -> None:
@@ -141,6 +145,7 @@ class Lane:
             else:
                 results.put(Result(self._sensor.name, arrived.t_ns, level))
         results.put(Result(self._sensor.name, 0, None))
+        self.ended = True
 
     def _process(self, arrived: Arrived) -> NoiseLevel:
         self.statistics.dropped_by_queue = self._queue.dropped
@@ -193,12 +198,7 @@ def _looped(source: Source, loop: bool) -> Iterator[Message]:
         last: Frame | RadarScan | None = None
         count = 0
         for original in source.messages():
-            message = original
-            if shift:
-                moved = {
-                    n: getattr(message, n) + by for n, by in shift.items() if hasattr(message, n)
-                }
-                message = replace(message, **moved)  # type: ignore[arg-type]
+            message = _moved(original, shift) if shift else original
             if isinstance(message, Frame | RadarScan):
                 first, last, count = first or message, message, count + 1
             yield message
@@ -210,3 +210,8 @@ def _looped(source: Source, loop: bool) -> Iterator[Message]:
             "sequence": last.sequence + 1,
             "dropped": last.dropped,
         }
+
+
+def _moved(message: Message, shift: dict[str, int]) -> Message:
+    names = (name for name in shift if hasattr(message, name))
+    return replace(message, **{name: getattr(message, name) + shift[name] for name in names})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from threading import Event, Thread
+from threading import Event
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
@@ -54,7 +54,8 @@ class Pipeline:
             for sensor in plan.scene.sensors:
                 self._lanes[sensor.name] = Lane(plan, sensor, open_source(sensor, world), bus)
         except BaseException:
-            self._close_sources()
+            for lane in self._lanes.values():
+                lane.source.close()
             raise
 
     def run(self) -> Iterator[NoiseLevel]:
@@ -77,13 +78,13 @@ class Pipeline:
         for thread in threads:
             thread.start()
         try:
-            results = self._arriving()
-            yield from (
-                self._in_order(results) if self._plan.scene.clock.fast else results_of(results)
-            )
+            if self._plan.scene.clock.fast:
+                yield from self._in_order(self._arriving())
+            else:
+                yield from (one.level for one in self._arriving() if one.level is not None)
         finally:
             self.stop()
-            self._close_sources()
+            self._close_live_sources()
             self._results.close()
             for thread in threads:
                 thread.join(JOIN_S)
@@ -93,7 +94,7 @@ class Pipeline:
                 raise lane.error
 
     def stop(self) -> None:
-        """Ask the run to end; what is in the queues is still estimated. Safe in a signal handler."""
+        """Ask the run to end; what is queued is still estimated. Safe in a signal handler."""
         self._stop.set()
 
     def set_injection(self, sensor: str, kind: str, level: float | None) -> None:
@@ -127,10 +128,12 @@ class Pipeline:
         running = len(self._lanes)
         while running:
             if self._stop.is_set():
-                self._close_sources()
+                self._close_live_sources()
             try:
                 result = self._results.get(STOP_CHECK_S)
             except TimeoutError:
+                if all(lane.ended for lane in self._lanes.values()):
+                    return  # an end made room for newer results
                 continue
             running -= result.level is None
             yield result
@@ -148,14 +151,11 @@ class Pipeline:
                 else:
                     yield level
 
-    def _close_sources(self) -> None:
+    def _close_live_sources(self) -> None:
+        """Wake readers that wait for a sensor; a recording is closed by its reader."""
         for lane in self._lanes.values():
-            lane.source.close()
-
-
-def results_of(results: Iterator[Result]) -> Iterator[NoiseLevel]:
-    """Yield the noise levels among results."""
-    return (result.level for result in results if result.level is not None)
+            if lane.source.live:
+                lane.source.close()
 
 
 def _world(plan: Plan) -> World:

@@ -68,7 +68,7 @@ class SensorStatistics:
         """Take in one published noise level."""
         self.estimated += 1
         self.level_sum += level.level
-        self.error_sum += abs(level.level - true_level(level))
+        self.error_sum += abs(level.level - level.true_level)
         self.latencies_ns.append(level.latency_ns)
 
     def summary(self) -> dict[str, Any]:
@@ -98,8 +98,3 @@ class SensorStatistics:
             record["mean_error"] = self.error_sum / self.estimated
             record["latency_p50_ns"], record["latency_p99_ns"] = int(p50), int(p99)
         return record
-
-
-def true_level(level: NoiseLevel) -> float:
-    """Return the injected level, %: the strongest kind's where several were, 0 where none was."""
-    return max(level.injected.values(), default=0.0) if level.injected else 0.0

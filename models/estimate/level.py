@@ -85,3 +85,8 @@ class NoiseLevel:
     latency_ns: int
     sequence: int
     dropped: int
+
+    @property
+    def true_level(self) -> float:
+        """The injected level, %: the strongest kind's where several were, 0 where none was."""
+        return max(self.injected.values(), default=0.0) if self.injected else 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib.metadata import version
 from typing import Annotated
@@ -9,6 +10,7 @@ from typing import Annotated
 import typer
 
 from dbc.errors import MurkError
+from node.cli import bench, demo, doctor, plan, run
 
 app = typer.Typer(
     name="murk",
@@ -27,11 +29,18 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
-    version: Annotated[  # noqa: ARG001
+    version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True)
     ] = False,
 ) -> None:
     pass
+
+
+app.command()(run.run)
+app.command()(demo.demo)
+app.command()(plan.plan)
+app.command()(bench.bench)
+app.command()(doctor.doctor)
 
 
 def main() -> None:
@@ -47,5 +56,6 @@ def main() -> None:
     except KeyboardInterrupt:
         sys.exit(130)
     except BrokenPipeError:
-        sys.stderr.close()
+        # Whoever read standard output is gone; nothing is left to flush at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)

@@ -1,0 +1,49 @@
+"""``murk bench``: error against run time, and the goals, measured here and now."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from node.cli.output import emit
+
+BENCHES = {"decode": "node.bench.decode"}
+"""Module of each benchmark; it has ``run(quick) -> Iterator[Point | Goal]``."""
+
+
+def bench(
+    name: Annotated[str, typer.Argument(help=f"One of: {', '.join(BENCHES)}.")],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Few repetitions; writes nothing.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="One JSON object a point or goal.")] = False,
+    docs: Annotated[Path, typer.Option(help="Where the report goes.", metavar="DIR")] = Path(
+        "docs"
+    ),
+) -> None:
+    """Measure a benchmark; without --quick also write docs/NAME.md with its plots."""
+    from dbc.errors import SceneError
+    from models.evaluate.report import Point
+
+    if name not in BENCHES:
+        raise SceneError(f"bench {name}", "is no benchmark", f"expected {', '.join(BENCHES)}")
+    module = import_module(BENCHES[name])
+    results = []
+    for result in module.run(quick):
+        results.append(result)
+        if json:
+            kind = "point" if isinstance(result, Point) else "goal"
+            met = {} if isinstance(result, Point) else {"met": result.met}
+            emit({"type": kind, **asdict(result), **met})
+    if not json:
+        from node.cli.bench_tables import print_results
+
+        print_results(name, results)
+    if not quick:
+        from models.evaluate.write import write_report
+
+        write_report(name, module.__doc__ or "", results, docs)

@@ -1,0 +1,146 @@
+"""The levels live in the terminal, and the summary of a run as a table."""
+
+from __future__ import annotations
+
+import sys
+from collections import deque
+from time import monotonic
+from types import TracebackType
+from typing import Any, Self
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from models.estimate.level import NoiseLevel
+
+BAR_WIDTH = 40
+REFRESH_S = 0.1
+
+
+class LiveView:
+    """A table of the sensors' newest levels, refreshed some times a second.
+
+    Where standard output is no terminal it prints a line a sensor and second instead.
+    """
+
+    def __init__(self) -> None:
+        self._console = Console()
+        self._live = Live(console=self._console, auto_refresh=False)
+        self._newest: dict[str, NoiseLevel] = {}
+        self._arrivals: dict[str, deque[float]] = {}
+        self._shown_s = 0.0
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._console.is_terminal:
+            self._live.update(self._table(), refresh=True)
+            self._live.stop()
+
+    def show(self, level: NoiseLevel) -> None:
+        """Take in a level, and refresh the view where it is time to."""
+        now = monotonic()
+        self._newest[level.sensor] = level
+        self._arrivals.setdefault(level.sensor, deque(maxlen=30)).append(now)
+        period = REFRESH_S if self._console.is_terminal else 1.0
+        if now - self._shown_s < period:
+            return
+        self._shown_s = now
+        if self._console.is_terminal:
+            self._live.update(self._table(), refresh=True)
+        else:
+            for newest in self._newest.values():
+                sys.stdout.write(_line(newest) + "\n")
+
+    def _rate_hz(self, sensor: str) -> float:
+        times = self._arrivals[sensor]
+        span = times[-1] - times[0]
+        return (len(times) - 1) / span if span > 0 else 0.0
+
+    def _table(self) -> Group:
+        table = Table("sensor", "noise level", "%", "± %", "kind", "injected", "Hz", "dropped")
+        for sensor, level in sorted(self._newest.items()):
+            table.add_row(
+                sensor,
+                _bar(level),
+                f"{level.level:.0f}",
+                f"{level.std:.0f}",
+                level.kind,
+                _injected(level),
+                f"{self._rate_hz(sensor):.1f}",
+                str(level.dropped),
+            )
+        return Group(table)
+
+
+def _bar(level: NoiseLevel) -> Text:
+    """Draw the level as a bar, its uncertainty lighter, the injected level as a mark."""
+    cells = [" "] * BAR_WIDTH
+    low, high = level.level - level.std, level.level + level.std
+    for cell in range(BAR_WIDTH):
+        percent = 100.0 * (cell + 0.5) / BAR_WIDTH
+        cells[cell] = "█" if percent <= max(low, 0.0) else "▒" if percent <= high else "·"
+    if level.injected:
+        cells[min(BAR_WIDTH - 1, int(level.true_level / 100 * BAR_WIDTH))] = "┃"
+    colour = "green" if level.level < 20 else "yellow" if level.level < 50 else "red"
+    return Text("".join(cells), style=colour)
+
+
+def _injected(level: NoiseLevel) -> str:
+    if not level.injected:
+        return "–"
+    return ", ".join(f"{kind} {value:.0f}" for kind, value in level.injected.items())
+
+
+def _line(level: NoiseLevel) -> str:
+    return (
+        f"{level.sensor}: {level.level:5.1f} % ± {level.std:4.1f}  {level.kind:7s}"
+        f" injected {_injected(level)}  dropped {level.dropped}"
+    )
+
+
+def print_summary(summary: dict[str, Any]) -> None:
+    """Print the summary of a run as a table for a person."""
+    console = Console()
+    table = Table(
+        "sensor",
+        "received",
+        "estimated",
+        "dropped",
+        "lost cycles",
+        "failures",
+        "Hz",
+        "mean level",
+        "mean error",
+        "latency p50 / p99, ms",
+        title=f"{summary['scene']}, {summary['wall_time_s']:.1f} s",
+    )
+    for sensor, counts in summary["sensors"].items():
+        if not counts["estimated"]:
+            table.add_row(sensor, str(counts["received"]), counts["state"])
+            continue
+        table.add_row(
+            sensor,
+            str(counts["received"]),
+            str(counts["estimated"]),
+            str(counts["dropped_by_source"] + counts["dropped_by_queue"]),
+            str(counts["cycles_lost"]),
+            str(counts["failures"]),
+            f"{counts.get('rate_hz', 0):.1f}",
+            f"{counts['mean_level']:.1f} %",
+            f"{counts['mean_error']:.1f} %",
+            f"{counts['latency_p50_ns'] / 1e6:.2f} / {counts['latency_p99_ns'] / 1e6:.2f}",
+        )
+    console.print(table)
+    if "picture" in summary:
+        console.print(f"picture: {summary['picture']}")

@@ -1,0 +1,142 @@
+"""``murk run``: sensors in, noise levels out."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from node.cli.output import emit
+from node.cli.scene_flags import (
+    CameraFlag,
+    DurationFlag,
+    FastFlag,
+    InjectFlag,
+    LoopFlag,
+    RadarFlag,
+    SceneFile,
+    SeedFlag,
+    SpeedFlag,
+    build_scene,
+)
+
+if TYPE_CHECKING:
+    from models.estimate.level import NoiseLevel
+    from node.pipeline import Pipeline
+    from node.scene import Scene
+
+
+def run(
+    scene: SceneFile = None,
+    radar: RadarFlag = None,
+    camera: CameraFlag = None,
+    inject: InjectFlag = None,
+    speed: SpeedFlag = None,
+    fast: FastFlag = False,
+    loop: LoopFlag = False,
+    duration: DurationFlag = None,
+    seed: SeedFlag = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="PNG file for levels over time.", metavar="FILE")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="One JSON object a level.")] = False,
+) -> None:
+    """Estimate the noise levels of a scene's sensors; Ctrl-C ends with a summary."""
+    execute(
+        build_scene(
+            scene,
+            radar=radar,
+            camera=camera,
+            inject=inject,
+            speed=speed,
+            fast=fast,
+            loop=loop,
+            duration=duration,
+            seed=seed,
+            picture=picture,
+        ),
+        json=json,
+    )
+
+
+def execute(scene: Scene, *, json: bool) -> dict[str, Any]:
+    """Run a scene to its end, show its levels as they come, and return the summary.
+
+    Raises
+    ------
+    MurkError
+        If a source fails; the levels before that and the summary have been shown.
+    """
+    from dbc.errors import MurkError
+    from node.bus.in_process import Bus
+    from node.pipeline import Pipeline
+    from node.plan import plan
+
+    kept: list[NoiseLevel] = []
+    error: MurkError | None = None
+    with Bus() as bus:
+        pipeline = Pipeline(plan(scene), bus)
+        _stop_on_signals(pipeline)
+        show = _emit_levels if json else _watch_levels
+        try:
+            show(pipeline, kept if scene.outputs.picture else None)
+        except MurkError as failed:
+            error = failed
+    summary = pipeline.summary()
+    if scene.outputs.picture and kept:
+        from models.evaluate.picture import draw_levels
+
+        draw_levels(kept, scene.outputs.picture)
+        summary["picture"] = str(scene.outputs.picture)
+    if json:
+        emit({"type": "summary", **summary})
+    else:
+        from node.cli.live import print_summary
+
+        print_summary(summary)
+    if error is not None:
+        raise error
+    return summary
+
+
+def _stop_on_signals(pipeline: Pipeline) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: pipeline.stop())
+
+
+def _emit_levels(pipeline: Pipeline, kept: list[NoiseLevel] | None) -> None:
+    for level in pipeline.run():
+        emit(as_record(level))
+        if kept is not None:
+            kept.append(level)
+
+
+def _watch_levels(pipeline: Pipeline, kept: list[NoiseLevel] | None) -> None:
+    from node.cli.live import LiveView
+
+    with LiveView() as view:
+        for level in pipeline.run():
+            view.show(level)
+            if kept is not None:
+                kept.append(level)
+
+
+def as_record(level: NoiseLevel) -> dict[str, Any]:
+    """Return a noise level as the JSON object that ``murk run --json`` prints."""
+    names = (
+        "sensor",
+        "stamp_ns",
+        "level",
+        "std",
+        "probabilities",
+        "kind",
+        "kind_probabilities",
+        "raw",
+        "injected",
+        "latency_ns",
+        "sequence",
+        "dropped",
+    )
+    return {"type": "noise_level", **{name: getattr(level, name) for name in names}}
