@@ -201,7 +201,7 @@ def _expose(exposure: Exposure, image: Image) -> Image:
         )
         return np.asarray(exposed, np.uint8)
     light = cv2.sepFilter2D(image, cv2.CV_64F, _BINOMIAL, _BINOMIAL, borderType=border)
-    return np.clip(np.rint(light * exposure.gain), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(light * exposure.gain), 0, 255), np.uint8)
 
 
 def _add_fast_noise(noise: Noise, image: Image) -> Image:
