@@ -7,6 +7,7 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Protocol
 
+from drivers.camera import FrameSource
 from drivers.can_frames import CanFrames
 from drivers.frame import Frame
 from drivers.scan import MotionInput, RadarScan, RadarState
@@ -100,6 +101,32 @@ class CanBusSource:
         self._stop.set()
 
 
+class CameraSource:
+    """Frames of a video, of images or of a live camera."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self._sensor = sensor
+        self._frames = self._open()
+        self.live = self._frames.live
+        self._read = False
+
+    def _open(self) -> FrameSource:
+        from drivers.camera import open_camera_source
+
+        return open_camera_source(self._sensor.source, self._sensor.name)
+
+    def messages(self) -> Iterator[Message]:
+        """Yield frames; see ``Source``."""
+        if self._read:
+            self._frames = self._open()
+        self._read = True
+        return self._frames
+
+    def close(self) -> None:
+        """Release the file or the device."""
+        self._frames.close()
+
+
 class WorldRadarSource:
     """The simulated radar, over its CAN frames as a real one."""
 
@@ -164,7 +191,5 @@ def open_source(sensor: Sensor, world: World | None) -> Source:
         radar = sensor.type == "radar"
         return WorldRadarSource(sensor, world) if radar else WorldCameraSource(sensor, world)
     if sensor.type == "camera":
-        from drivers.video import open_camera_source
-
-        return open_camera_source(sensor.source, sensor.name)
+        return CameraSource(sensor)
     return CanBusSource(sensor) if is_can_bus(sensor.source) else CanLogSource(sensor)
