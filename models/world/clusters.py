@@ -1,0 +1,143 @@
+"""From measured echoes to an ARS 408 cluster list: velocities, dynamic property, quality fields.
+
+The statistics (which flag how often, under which condition) follow real recordings of the sensor.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.sensor import RadarSensor
+from models.world.echoes import Beam, Echoes
+from models.world.objects import Floats
+
+_MOVING, _STATIONARY, _ONCOMING, _CANDIDATE, _UNKNOWN, _CROSSING = 0, 1, 2, 3, 4, 6
+
+Columns = dict[str, NDArray[Any]]
+
+
+def describe(
+    echoes: Echoes,
+    beam: Beam,
+    motion: tuple[float, float, float],
+    sensor: RadarSensor,
+    rng: np.random.Generator,
+) -> Columns:
+    """Return the fields of ``RadarScan`` for one list.
+
+    Parameters
+    ----------
+    echoes:
+        Sorted by range.
+    beam:
+        The scan that measured them.
+    motion:
+        The sensor's own velocity ahead and to the left, m/s, and its yaw rate, rad/s.
+    sensor:
+        Gives the CAN grid.
+    rng:
+        Draws the flags.
+    """
+    outside = np.abs(echoes.azimuth) > beam.half_width
+    dyn = _dyn_prop(echoes, outside, rng)
+    invalid, pdh0 = _validity(echoes, beam, outside, rng)
+    cos, sin = np.cos(echoes.azimuth), np.sin(echoes.azimuth)
+    x, y = echoes.r * cos, echoes.r * sin
+    forward, left, turn = motion
+    standing = np.isin(dyn, (_STATIONARY, _CANDIDATE))
+    vy = np.where(standing, -left - turn * x, 0.0)
+    vx = (echoes.speed - vy * sin) / np.maximum(cos, 0.1)
+    known = ~outside
+    rms = _rms(echoes, beam)
+    columns: Columns = {
+        name: sensor.to_grid(name, value).astype(np.float32)
+        for name, value in {
+            "x": x,
+            "y": y,
+            "vx": vx * known,
+            "vy": vy * known,
+            "rcs": echoes.rcs,
+        }.items()
+    }
+    columns |= {"dyn_prop": dyn, "pdh0": pdh0, "invalid_state": invalid}
+    columns["ambig_state"] = _ambiguity(dyn, pdh0, rng)
+    columns |= {name: (index * known).astype(np.uint8) for name, index in rms.items()}
+    return columns
+
+
+def _dyn_prop(
+    echoes: Echoes, outside: NDArray[np.bool_], rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """Return DynProp; what stands is first a candidate, the longer the farther and fainter."""
+    n = len(echoes)
+    doubt = 0.02 + 0.009 * np.minimum(echoes.r, 85) - 0.018 * (echoes.rcs - 4)
+    dyn = np.where(rng.random(n) < doubt, _CANDIDATE, _STATIONARY)
+    dyn[echoes.moving] = _MOVING
+    dyn[echoes.moving & (echoes.speed < -1)] = _ONCOMING
+    dyn[echoes.crossing & (echoes.r < 36)] = _CROSSING
+    dyn[outside] = _UNKNOWN
+    return dyn.astype(np.uint8)
+
+
+def _validity(
+    echoes: Echoes, beam: Beam, outside: NDArray[np.bool_], rng: np.random.Generator
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return InvalidState and the false-alarm class Pdh0 that goes with it."""
+    n = len(echoes)
+    degrees = np.degrees(np.abs(echoes.azimuth))
+    u, w = rng.random(n), rng.random(n)
+    state = np.zeros(n, np.uint8)
+    multiple = 0.035 + 0.0045 * degrees
+    state[u < multiple] = 16
+    if not beam.far:
+        state[(state == 0) & (echoes.r > 95) & (degrees < 9)] = 15
+        state[w < 0.75 * np.exp(-(((degrees - 50.3) / 1.1) ** 2))] = 10
+    faint = (echoes.rcs < 0.25) & (echoes.r > 19) & (u < 0.95)
+    state[faint & (rng.random(n) < 0.5 + 0.05 * (-echoes.rcs))] = 4
+    v = rng.random(n)
+    child = v < (0.02 if beam.far else 0.1) * (echoes.r > 12)
+    state[child] = 9
+    shoulder = (v > 0.1) & (v < 0.14 + np.minimum(0.06 * echoes.shoulder, 0.6))
+    state[shoulder] = 11
+    if beam.far:
+        state[(echoes.r < 50) & (rng.random(n) < 0.5)] = 3
+    state[outside] = 7
+    pdh0 = np.ones(n, np.uint8)
+    pdh0[np.isin(state, (4, 9, 10, 11, 12))] = 3
+    pdh0[np.isin(state, (3, 6, 7))] = 6
+    return state, pdh0
+
+
+def _ambiguity(
+    dyn: NDArray[np.uint8], pdh0: NDArray[np.uint8], rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """Return AmbigState: unambiguous, but for a third of what moves and for invalid clusters."""
+    state = np.full(len(dyn), 3, np.uint8)
+    u = rng.random(len(dyn))
+    moving = np.isin(dyn, (_MOVING, _ONCOMING))
+    state[moving & (u < 0.40)] = 2
+    state[moving & (u < 0.32)] = 1
+    state[pdh0 == 6] = 0
+    return state
+
+
+def _rms(echoes: Echoes, beam: Beam) -> dict[str, Floats]:
+    """Return the RMS indices: k where 0.005 · 2000^(k/30) is the standard deviation."""
+    noise = 10 ** ((20.0 - echoes.snr) / 20)
+    along = np.hypot(0.62, 0.4 * noise)
+    across = np.hypot(0.62, echoes.r * np.radians(0.6) * np.hypot(0.6, noise))
+    cos, sin = np.abs(np.cos(echoes.azimuth)), np.abs(np.sin(echoes.azimuth))
+    speed = 0.283 / np.maximum(cos, 0.2)
+    std = {
+        "x_rms": np.hypot(along * cos, across * sin),
+        "y_rms": np.hypot(along * sin, across * cos),
+        "vx_rms": speed,
+        "vy_rms": np.full(len(echoes), 0.0107),
+    }
+    return {
+        name: np.clip(np.rint(30 * np.log(value / 0.005) / np.log(2000)), 0, 30)
+        for name, value in std.items()
+    }
