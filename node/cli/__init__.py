@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from dbc.errors import MurkError
-from node.cli import bench, demo, doctor, plan, run
+from node.cli import bench, demo, doctor, plan, run, train
 
 app = typer.Typer(
     name="murk",
@@ -41,6 +41,7 @@ app.command()(demo.demo)
 app.command()(plan.plan)
 app.command()(bench.bench)
 app.command()(doctor.doctor)
+app.command()(train.train)
 
 
 def main() -> None:

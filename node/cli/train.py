@@ -1,0 +1,54 @@
+"""``murk train``: train the network of a sensor, measure it, and write it with its card."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from node.cli.output import emit
+
+
+class Sensor(StrEnum):
+    """A sensor whose network can be trained."""
+
+    camera = "camera"
+    radar = "radar"
+
+
+def train(
+    sensor: Annotated[Sensor, typer.Argument(help="Whose network.")],
+    data: Annotated[
+        Path, typer.Option(help="Folder of recordings.", envvar="MURK_DATA", metavar="DIR")
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(help="ONNX file to write [default: SENSOR.onnx].", metavar="FILE"),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A trial in seconds; not a network to use.")
+    ] = False,
+    seed: Annotated[int, typer.Option(help="Same data and seed: same network.", min=0)] = 0,
+    json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
+) -> None:
+    """Train the network of a sensor; needs the extra 'train'."""
+    from rich.console import Console
+
+    console = Console()
+
+    def report(progress: dict[str, object]) -> None:
+        if json:
+            emit({"type": "progress", **progress})
+        else:
+            console.print("  ".join(f"{name} {value}" for name, value in progress.items()))
+
+    training = import_module(f"models.training.{sensor}")
+    output = output or Path(f"{sensor}.onnx")
+    summary = training.train(data, output, quick=quick, seed=seed, report=report)
+    if json:
+        emit({"type": "summary", **summary})
+    else:
+        console.print(f"wrote {output} and its card {output.with_suffix('.md')}")
