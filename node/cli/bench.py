@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -11,8 +12,8 @@ import typer
 
 from node.cli.output import emit
 
-BENCHES = {"decode": "node.bench.decode"}
-"""Module of each benchmark; it has ``run(quick) -> Iterator[Point | Goal]``."""
+BENCHES = {"decode": ("node.bench.decode", "node.bench.run")}
+"""Modules of each benchmark; each has ``run(quick) -> Iterator[Point | Goal]``."""
 
 
 def bench(
@@ -31,9 +32,9 @@ def bench(
 
     if name not in BENCHES:
         raise SceneError(f"bench {name}", "is no benchmark", f"expected {', '.join(BENCHES)}")
-    module = import_module(BENCHES[name])
+    modules = [import_module(module) for module in BENCHES[name]]
     results = []
-    for result in module.run(quick):
+    for result in chain.from_iterable(module.run(quick) for module in modules):
         results.append(result)
         if json:
             kind = "point" if isinstance(result, Point) else "goal"
@@ -46,4 +47,4 @@ def bench(
     if not quick:
         from models.evaluate.write import write_report
 
-        write_report(name, module.__doc__ or "", results, docs)
+        write_report(name, "\n".join(module.__doc__ or "" for module in modules), results, docs)

@@ -1,0 +1,1 @@
+"""Benchmarks that need the node: each has ``run(quick) -> Iterator[Point | Goal]``."""
