@@ -201,9 +201,14 @@ class RadarSensor:
     def rows_to_grid(self, rows: FloatArray) -> FloatArray:
         """Return ``to_grid`` of x, y, vx, vy and rcs at once; ``rows`` is (5, n), finite."""
         step, offset, last = self._grid_columns
-        raw = np.rint((rows - offset) / step)
-        np.minimum(np.maximum(raw, 0.0, out=raw), last, out=raw)
-        return np.asarray(raw * step + offset)
+        raw = rows - offset
+        raw /= step
+        np.rint(raw, out=raw)
+        np.maximum(raw, 0.0, out=raw)
+        np.minimum(raw, last, out=raw)
+        raw *= step
+        raw += offset
+        return raw
 
 
 ARS408 = RadarSensor(

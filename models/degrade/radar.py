@@ -15,6 +15,7 @@ each sorted by range, IDs from 0, no more clusters than a cycle carries.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -126,7 +127,7 @@ def draw(
     check_within("snr_drop_db", snr_drop_db, 0.0, 300.0, "dB")
     if quality not in ("frozen", "consistent"):
         raise InputError(f"quality {quality!r}", "unknown", "frozen or consistent")
-    generator = key.generator("radar")
+    generator = key.generator(f"radar {kind}")
     seed = int(generator.bit_generator.random_raw())
     ghosts = _draw_ghosts(generator) if kind in ("snr", "ghosts") and level > 0 else ()
     return RadarDegradation(kind, level, level / 100 * snr_drop_db, seed, ghosts, quality)
@@ -225,15 +226,19 @@ class _Clusters:
     def __init__(self, scan: RadarScan, sensor: RadarSensor) -> None:
         self.scan = scan
         self.sensor = sensor
-        rows = np.array([scan.x, scan.y, scan.vx, scan.vy, scan.rcs], np.float64)
-        finite = np.isfinite(rows).all(axis=0)
-        self.masked = len(scan) - int(np.count_nonzero(finite))
-        index = np.flatnonzero(finite) if self.masked else np.arange(len(scan))
-        self.rows = rows[:, index] if self.masked else rows
-        self.source = index
+        self.rows = np.array([scan.x, scan.y, scan.vx, scan.vy, scan.rcs], np.float64)
+        """x, y, vx, vy, rcs."""
+        self.source = np.arange(len(scan))
         """Cluster of ``scan`` from which each one here comes."""
-        self.far = scan.id[index] >= scan.near
-        self.invalid_state = None if scan.invalid_state is None else scan.invalid_state[index]
+        self.far = scan.id >= scan.near
+        self.invalid_state = scan.invalid_state
+        finite = np.isfinite(self.rows)
+        self.masked = 0
+        if not finite.all():
+            usable = np.flatnonzero(finite.all(axis=0))
+            self.masked = len(scan) - len(usable)
+            self.rows = self.rows.take(usable, axis=1)
+            self._take(usable)
         self.range = np.hypot(self.rows[0], self.rows[1])
         self.order = self._order()
 
@@ -241,53 +246,49 @@ class _Clusters:
         """Return the range by which the sensor sorted each list.
 
         It sorts by what it measured, before rounding, so lists on the wire step back by up to a
-        cell of the grid. The running maximum keeps that order; a list that steps back farther
-        was not sorted, and is.
+        cell of the grid. The running maximum keeps that order.
         """
-        cell = float(np.hypot(self.sensor.grid[0].step, self.sensor.grid[1].step))
-        running = self.range.copy()
-        for part in (self.far, ~self.far):
+        running: FloatArray = self.range.copy()
+        for part in (~self.far, self.far):
             running[part] = np.maximum.accumulate(self.range[part])
-        return np.asarray(np.minimum(running, self.range + cell))
+        return running
 
     def degraded(self, degradation: RadarDegradation) -> RadarScan:
         """Return the scan with the effects of the degradation's kind."""
-        every = degradation.kind == "snr"
-        deviates = np.random.Generator(np.random.SFC64(degradation.seed)).standard_normal(
-            (len(self.scan), 4)
-        )
-        if every or degradation.kind == "missed":
-            self._miss(degradation, deviates[self.source, 0])
-        if every or degradation.kind == "jitter":
-            self._jitter(degradation.drop_db, deviates[self.source, 1:])
-        real = len(self.source)
-        if degradation.ghosts and real:
+        kind, drop_db = degradation.kind, degradation.drop_db
+        deviates = np.random.Generator(np.random.SFC64(degradation.seed)).standard_normal
+        if kind in ("snr", "missed"):
+            self._miss(degradation.level, drop_db, deviates(len(self.source)))
+        if kind in ("snr", "jitter"):
+            self._jitter(std_growth(drop_db), deviates((3, len(self.source))))
+        if degradation.ghosts and len(self.source):
             self._add_ghosts(degradation.ghosts)
         return self._sent(degradation)
 
-    def _keep(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> None:
-        self.rows = self.rows[:, index]
+    def _take(self, index: NDArray[np.intp]) -> None:
         self.source, self.far = self.source[index], self.far[index]
-        self.range, self.order = self.range[index], self.order[index]
         if self.invalid_state is not None:
             self.invalid_state = self.invalid_state[index]
 
-    def _miss(self, degradation: RadarDegradation, deviates: FloatArray) -> None:
+    def _miss(self, level: float, drop_db: float, deviates: FloatArray) -> None:
         echoes = echo_db(self.range, self.rows[4], self.sensor)
         margin = echoes - threshold_db(echoes, self.sensor)
-        self._keep(~is_missed(margin, degradation.level, degradation.drop_db, deviates))
+        kept = np.flatnonzero(~is_missed(margin, level, drop_db, deviates))
+        self.rows = self.rows.take(kept, axis=1)
+        self.range, self.order = self.range[kept], self.order[kept]
+        self._take(kept)
 
-    def _jitter(self, drop_db: float, deviates: FloatArray) -> None:
-        growth = std_growth(drop_db)
+    def _jitter(self, growth: float, deviates: FloatArray) -> None:
         azimuth = np.arctan2(self.rows[1], self.rows[0])
-        moved = self.range + growth * self.sensor.range_std(self.range) * deviates[:, 0]
-        moved = np.maximum(moved, self.sensor.range_min_m)
+        moved = self.range + growth * self.sensor.range_std(self.range) * deviates[0]
+        np.maximum(moved, self.sensor.range_min_m, out=moved)
         std = self.sensor.azimuth_std(self.range, azimuth)
-        turned = azimuth + growth * std * deviates[:, 1]
-        faster = growth * self.sensor.velocity_std * deviates[:, 2]
+        turned = azimuth + growth * std * deviates[1]
+        faster = growth * self.sensor.velocity_std * deviates[2]
         self.rows[2] += faster * np.cos(azimuth)
         self.rows[3] += faster * np.sin(azimuth)
-        self.rows[0], self.rows[1] = moved * np.cos(turned), moved * np.sin(turned)
+        self.rows[0] = moved * np.cos(turned)
+        self.rows[1] = moved * np.sin(turned)
         self.order += moved - self.range
         self.range = moved
 
@@ -329,8 +330,13 @@ class _Clusters:
         scan, sensor = self.scan, self.sensor
         with_quality = scan.pdh0 is not None
         limit = sensor.max_clusters_with_quality if with_quality else sensor.max_clusters
-        self._keep(np.lexsort((self.order, self.far))[:limit])
-        values = dict(zip(_FIELDS, sensor.rows_to_grid(self.rows).astype(np.float32), strict=True))
+        on_grid = sensor.rows_to_grid(self.rows)
+        distance = np.hypot(on_grid[0], on_grid[1])
+        cell = math.hypot(sensor.grid[0].step, sensor.grid[1].step)
+        order = np.minimum(np.maximum(self.order, distance - cell), distance + cell)
+        sent = np.lexsort((order, self.far))[:limit]
+        self._take(sent)
+        values = dict(zip(_FIELDS, on_grid.take(sent, axis=1).astype(np.float32), strict=True))
         taken: dict[str, Any] = {
             name: array[self.source]
             for name, array in scan.arrays().items()
