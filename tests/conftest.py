@@ -6,6 +6,10 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("murk", deadline=None)  # how fast the machine is decides nothing
+settings.load_profile("murk")
 
 ROOT = Path(__file__).resolve().parents[1]
 

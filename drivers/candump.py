@@ -1,0 +1,275 @@
+"""candump logs: text to ``CanFrames`` in bulk, and back."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import re
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import BinaryIO, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import LogError
+from drivers.can_frames import CanFrames, FrameFlag
+from drivers.candump_layout import Fields, Layout, layout_of
+
+_EXPECTED = "expected a candump line like (1532402927.664178) can0 701#004F5A12771FE187"
+_NO_FRAME = np.frombuffer(b"\t\r\n", np.uint8)
+"""First characters of a blank line, and of the explanations that ``candump -e`` indents."""
+_LONGEST_LINE = 1024
+_HEAD_BYTES = 1 << 16
+_FIRST_DIFFERENCE = re.compile(rb"\s*\(000\.0+\)")
+_RELATIVE_STAMP = re.compile(rb"^\s*\((\d+)\.(\d+)\)", re.MULTILINE)
+_ERROR_BIT = 0x20000000
+
+
+def read_candump(path: str | Path, chunk_bytes: int = 1 << 19) -> Iterator[CanFrames]:
+    """Read a candump log, ``.gz`` included, in chunks of constant memory.
+
+    Stamps are exact. Seconds and dates are taken as written, a date as UTC because the log does
+    not name its zone. Differences (``candump -td``) are summed up from 0; they are told from times
+    since the start (``-tz``) by a stamp in the first 64 KiB that is lower than the one before it.
+    A line without a stamp gets 0. Blank lines and the explanations of ``candump -e`` are skipped.
+
+    Parameters
+    ----------
+    path:
+        The log.
+    chunk_bytes:
+        Bytes of text read at once.
+
+    Yields
+    ------
+    CanFrames
+        At least one frame each, in the order of the log; ``channels`` only grows from one to the
+        next.
+
+    Raises
+    ------
+    LogError
+        If the file cannot be opened or holds no frame; and at the first line that is not a CAN
+        frame, after all frames before it have been yielded.
+    """
+    channels: dict[str, int] = {}
+    line_number = 1
+    frame_count = 0
+    last_ns = 0
+    try:
+        with _open(path) as file:
+            are_differences = _are_differences(file.peek(_HEAD_BYTES))
+            for text in _whole_lines(file, chunk_bytes):
+                lines = _Lines.of(text)
+                frames, good = _read_lines(lines, channels)
+                if are_differences and len(frames):
+                    frames = replace(frames, stamp_ns=last_ns + np.cumsum(frames.stamp_ns))
+                    last_ns = int(frames.stamp_ns[-1])
+                if len(frames):
+                    frame_count += len(frames)
+                    yield frames
+                if good < len(lines):
+                    raise _bad_line(f"{path}:{line_number + lines.number[good]}", lines[good])
+                line_number += text.count(b"\n")
+    except (OSError, EOFError, OverflowError, zlib.error) as error:
+        raise LogError(path, f"cannot be read ({_reason(error)})", _EXPECTED) from error
+    if not frame_count:
+        raise LogError(f"{path}:1", "holds no CAN frame", _EXPECTED)
+
+
+def write_candump(path: str | Path, frames: Iterable[CanFrames]) -> int:
+    """Write frames as a compact candump log, compressed where ``path`` ends in ``.gz``.
+
+    Stamps get six decimals where all of a batch are whole microseconds, else nine. A transmitted
+    frame is marked with ``T``.
+
+    Returns
+    -------
+    int
+        Frames written.
+
+    Raises
+    ------
+    LogError
+        If the file cannot be written.
+    ValueError
+        If a stamp is negative, which the format cannot say.
+    """
+    count = 0
+    try:
+        with _create(path) as file:
+            for batch in frames:
+                file.write(_format(batch))
+                count += len(batch)
+    except OSError as error:
+        raise LogError(path, f"cannot be written ({_reason(error)})") from error
+    return count
+
+
+@contextmanager
+def _open(path: str | Path) -> Iterator[io.BufferedReader]:
+    with gzip.open(path) if _is_gzip(path) else Path(path).open("rb", buffering=0) as raw:
+        yield io.BufferedReader(cast(io.RawIOBase, raw), _HEAD_BYTES)
+
+
+@contextmanager
+def _create(path: str | Path) -> Iterator[BinaryIO]:
+    with gzip.open(path, "wb") if _is_gzip(path) else Path(path).open("wb") as file:
+        yield cast(BinaryIO, file)
+
+
+def _is_gzip(path: str | Path) -> bool:
+    return Path(path).suffix == ".gz"
+
+
+def _are_differences(head: bytes) -> bool:
+    if not _FIRST_DIFFERENCE.match(head):
+        return False
+    stamps = [(int(seconds), fraction) for seconds, fraction in _RELATIVE_STAMP.findall(head)]
+    return any(later < earlier for earlier, later in pairwise(stamps))
+
+
+def _whole_lines(file: io.BufferedReader, chunk_bytes: int) -> Iterator[bytes]:
+    """Yield text that ends at the end of a line; a newline is added where the file lacks it."""
+    rest = b""
+    while chunk := file.read(chunk_bytes):
+        text = rest + chunk
+        end = text.rfind(b"\n") + 1
+        if end:
+            yield text[:end]
+        rest = text[end:]
+        if len(rest) > _LONGEST_LINE:
+            break
+    if rest:
+        yield rest + b"\n"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lines:
+    """The lines of a text that may hold frames: where they start, how long, which they are."""
+
+    text: bytes
+    start: NDArray[np.intp]
+    length: NDArray[np.intp]
+    number: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, text: bytes) -> _Lines:
+        chars = np.frombuffer(text, np.uint8)
+        end = np.flatnonzero(chars == ord("\n"))
+        start = np.concatenate(([0], end[:-1] + 1))
+        number = np.flatnonzero(~np.isin(chars[start], _NO_FRAME))
+        return cls(text, start[number], (end - start)[number], number)
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def __getitem__(self, row: int) -> bytes:
+        return self.text[self.start[row] : self.start[row] + self.length[row]]
+
+    def characters(self, rows: NDArray[np.intp]) -> NDArray[np.uint8]:
+        """Return lines of one length L as (L, n) characters."""
+        chars = np.frombuffer(self.text, np.uint8)
+        windows = np.lib.stride_tricks.sliding_window_view(chars, int(self.length[rows[0]]))
+        return np.ascontiguousarray(windows[self.start[rows]].T)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """The lines of one layout and what they say."""
+
+    rows: NDArray[np.intp]
+    layout: Layout
+    fields: Fields
+
+
+def _read_lines(lines: _Lines, channels: dict[str, int]) -> tuple[CanFrames, int]:
+    """Return the frames before the first line that is none, and how many they are."""
+    parts: list[_Part] = []
+    good = len(lines)
+    for length in np.flatnonzero(np.bincount(lines.length)):
+        rows = np.flatnonzero(lines.length == length)
+        while len(rows) and rows[0] < good:
+            layout = layout_of(lines[rows[0]])
+            fields = layout.read(lines.characters(rows)) if layout else None
+            if layout is None or fields is None or not fields.fits[0]:
+                good = int(rows[0])
+                break
+            parts.append(_Part(rows, layout, fields))
+            rows = rows[~fields.fits]
+    parts = sorted((part for part in parts if part.rows[0] < good), key=lambda part: part.rows[0])
+    return _join(parts, good, channels), good
+
+
+def _join(parts: list[_Part], count: int, channels: dict[str, int]) -> CanFrames:
+    """Put the parts' first ``count`` rows in order; a new channel gets the next index."""
+    is_fd = any(FrameFlag.FD in part.layout.flags for part in parts)
+    stamp_ns = np.empty(count, np.int64)
+    can_id = np.empty(count, np.uint32)
+    length = np.empty(count, np.uint8)
+    data = np.zeros((count, 64 if is_fd else 8), np.uint8)
+    flags = np.empty(count, np.uint8)
+    channel = np.empty(count, np.uint8)
+    for part in parts:
+        wanted = part.fields.fits & (part.rows < count)
+        keep = slice(None) if wanted.all() else wanted
+        rows = part.rows[keep]
+        stamp_ns[rows] = part.fields.stamp_ns[keep]
+        can_id[rows] = part.fields.can_id[keep]
+        length[rows] = part.layout.length
+        data[rows, : part.fields.data.shape[1]] = part.fields.data[keep]
+        flags[rows] = part.fields.flags[keep]
+        if len(channels) == 256 and part.layout.channel not in channels:
+            raise OverflowError("it names more than 256 CAN interfaces")
+        channel[rows] = channels.setdefault(part.layout.channel, len(channels))
+    return CanFrames(stamp_ns, can_id, length, data, flags, channel, channels=tuple(channels))
+
+
+def _reason(error: Exception) -> str:
+    return (isinstance(error, OSError) and error.strerror) or str(error)
+
+
+def _bad_line(where: str, line: bytes) -> LogError:
+    beginning = repr(line[:40])[1:]
+    return LogError(where, f"no CAN frame in the line {beginning}", _EXPECTED)
+
+
+def _format(frames: CanFrames) -> bytes:
+    if len(frames) and frames.stamp_ns.min() < 0:
+        raise ValueError("a candump log cannot say a negative stamp")
+    unit_ns, decimals = (1000, 6) if not (frames.stamp_ns % 1000).any() else (1, 9)
+    seconds, fractions = np.divmod(frames.stamp_ns, 10**9)
+    rows = zip(
+        seconds.tolist(),
+        (fractions // unit_ns).tolist(),
+        frames.can_id.tolist(),
+        frames.length.tolist(),
+        frames.data,
+        frames.flags.tolist(),
+        frames.channel.tolist(),
+        strict=True,
+    )
+    return "".join(
+        f"({second:010d}.{fraction:0{decimals}d}) {frames.channels[channel]} "
+        f"{_format_frame(can_id, length, data, flags)}\n"
+        for second, fraction, can_id, length, data, flags, channel in rows
+    ).encode()
+
+
+def _format_frame(can_id: int, length: int, data: NDArray[np.uint8], flags: int) -> str:
+    if flags & FrameFlag.ERROR:
+        identifier = f"{can_id | _ERROR_BIT:08X}"
+    else:
+        identifier = f"{can_id:08X}" if flags & FrameFlag.EXTENDED else f"{can_id:03X}"
+    payload = data[:length].tobytes().hex().upper()
+    if flags & FrameFlag.REMOTE:
+        payload = f"R{length or ''}"
+    elif flags & FrameFlag.FD:
+        switch, error_state = flags & FrameFlag.BIT_RATE_SWITCH, flags & FrameFlag.ERROR_STATE
+        payload = f"#{(1 if switch else 0) | (2 if error_state else 0):X}{payload}"
+    return f"{identifier}#{payload}" + (" T" if flags & FrameFlag.TRANSMITTED else "")
