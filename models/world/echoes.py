@@ -118,9 +118,7 @@ def noise_db(beam: Beam, r: Floats, azimuth: Floats) -> Floats:
     return result
 
 
-def measure(
-    points: Points, beam: Beam, sensor: RadarSensor, rng: np.random.Generator
-) -> Echoes:
+def measure(points: Points, beam: Beam, sensor: RadarSensor, rng: np.random.Generator) -> Echoes:
     """Return what ``beam`` detects of ``points``, with the sensor's resolution and accuracy."""
     inside = np.abs(points.azimuth) < beam.half_width + beam.fringe
     inside &= (points.r > beam.range_min) & (points.r < beam.range_max)
@@ -151,9 +149,7 @@ def _complex_normal(rng: np.random.Generator, n: int) -> NDArray[np.complex128]:
     return result
 
 
-def _resolve(
-    points: Points, beam: Beam, sensor: RadarSensor
-) -> tuple[Points, NDArray[np.intp]]:
+def _resolve(points: Points, beam: Beam, sensor: RadarSensor) -> tuple[Points, NDArray[np.intp]]:
     """Return one point a resolution cell: fields add up, the place is weighted by power."""
     where = np.full(len(points.r), 200.0 if beam.far else 20.0)
     width = sensor.azimuth_resolution(where, points.azimuth)
@@ -180,9 +176,7 @@ def _resolve(
     return Points(r, az, v, field, points.moving[loudest], points.crossing[loudest]), loudest
 
 
-def _suppress(
-    cells: Points, rcs: Floats, beam: Beam
-) -> tuple[NDArray[np.bool_], Floats]:
+def _suppress(cells: Points, rcs: Floats, beam: Beam) -> tuple[NDArray[np.bool_], Floats]:
     """Return which cells are local maxima, and how much stronger their neighbours are, dB."""
     near = 1.0 if not beam.far else 2.5
     gap = np.abs(cells.r[:, None] - cells.r)

@@ -176,9 +176,7 @@ def _fluctuation(points: Reflectors, dx: Floats, dy: Floats) -> NDArray[np.compl
     """Return the complex factor by which amplitudes fluctuate with the aspect."""
     turn = points.phases + points.waves[..., 0] * dx[:, None] + points.waves[..., 1] * dy[:, None]
     speckle = np.exp(1j * turn).sum(axis=1) / np.sqrt(turn.shape[1])
-    result: NDArray[np.complex128] = (
-        np.sqrt(points.steady) + np.sqrt(1 - points.steady) * speckle
-    )
+    result: NDArray[np.complex128] = np.sqrt(points.steady) + np.sqrt(1 - points.steady) * speckle
     return result
 
 

@@ -1,0 +1,1 @@
+"""How the simulated camera paints: view, textures, sky, ground, objects, lens."""
