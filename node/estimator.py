@@ -21,7 +21,14 @@ CORRELATION_S = {"camera": 0.2, "radar": 0.3}
 KIND_TIME_CONSTANT_S = 0.3
 
 
-def _network(sensor_type: SensorType) -> Callable[[Any], Estimate]:
+def load_network(sensor_type: SensorType) -> Callable[[Any], Estimate]:
+    """Return the network of a sensor type, as a function from Frame or RadarScan to its estimate.
+
+    Raises
+    ------
+    ModelError
+        If the network's file is missing or not murk's.
+    """
     if sensor_type == "camera":
         from models.estimate.camera import CameraEstimator
 
@@ -51,7 +58,7 @@ class Estimator:
     """
 
     def __init__(self, sensor_type: SensorType) -> None:
-        self._network = _network(sensor_type)
+        self._network = load_network(sensor_type)
         self._levels = LevelFilter(DRIFT_PER_S, JUMP_PER_S, CORRELATION_S[sensor_type])
         self._kinds = KindFilter(KIND_TIME_CONSTANT_S)
 

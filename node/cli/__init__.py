@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from dbc.errors import MurkError
-from node.cli import bench, demo, doctor, plan, run, train
+from node.cli import bench, demo, doctor, estimate, plan, run, train
 
 app = typer.Typer(
     name="murk",
@@ -39,6 +39,7 @@ def _options(
 app.command()(run.run)
 app.command()(demo.demo)
 app.command()(plan.plan)
+app.command()(estimate.estimate)
 app.command()(bench.bench)
 app.command()(doctor.doctor)
 app.command()(train.train)
