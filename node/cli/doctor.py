@@ -113,7 +113,8 @@ def _try(area: str, name: str, load: Callable[[], str]) -> Finding:
 def _load_database() -> str:
     from dbc.codec import ars408
 
-    return f"{len(ars408())} messages"
+    ars408()
+    return "compiles"
 
 
 def _load_camera() -> str:
