@@ -32,10 +32,12 @@ Method = Literal["fast", "exact", "published"]
 
 KINDS = ("blur", "over", "under", "noise")
 
-_SHRINK_FROM = 11
+_HALVE_FROM = 11
 """Kernel size from which the fast blur works on the image halved: below, the kernel is as fast."""
 
-_TABLES = 64
+_TABLES = 16
+_MAX_STRIP = 2**18
+_BANK = 2**22
 _BINOMIAL = np.array([0.25, 0.5, 0.25])
 
 
@@ -165,32 +167,30 @@ def check_image(image: Image) -> None:
 def _blur(blur: Blur, image: Image) -> Image:
     if blur.sigma == 0:
         return image
-    if blur.method == "fast" and blur.size >= _SHRINK_FROM and min(image.shape[:2]) > blur.size:
-        return _blur_halved(image, blur.size // 2, blur.sigma)
+    height, width = image.shape[:2]
+    halves = height % 2 == width % 2 == 0 and min(height, width) > 2 * blur.size
+    if blur.method == "fast" and blur.size >= _HALVE_FROM and halves:
+        return _blur_halved(image, blur.size, blur.sigma)
     blurred = cv2.GaussianBlur(
         image, (blur.size, blur.size), blur.sigma, borderType=cv2.BORDER_REFLECT_101
     )
     return np.asarray(blurred, np.uint8)
 
 
-def _blur_halved(image: Image, radius: int, sigma: float) -> Image:
+def _blur_halved(image: Image, size: int, sigma: float) -> Image:
     """Blur at half the size: at σ ≥ 2 px the other half of the samples adds nothing.
 
     Halving by 2 × 2 means has variance 1/4 px² and doubling by bilinear interpolation 4/6 px²;
-    the Gaussian between them supplies the rest.
+    the Gaussian between them supplies the rest. Within ``size`` / 2 of the border the image is
+    mirrored half a pixel off. Every step is in integers: the same bytes on every machine.
     """
     height, width = image.shape[:2]
-    pad = radius + radius % 2
-    padded = cv2.copyMakeBorder(
-        image, pad, pad + height % 2, pad, pad + width % 2, cv2.BORDER_REFLECT_101
-    )
-    half = (padded.shape[1] // 2, padded.shape[0] // 2)
-    small = cv2.resize(padded, half, interpolation=cv2.INTER_AREA)
+    small = cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
     rest = float(np.sqrt(sigma**2 - 1 / 4 - 4 / 6)) / 2
-    size = 2 * (radius // 2) + 1
-    cv2.GaussianBlur(small, (size, size), rest, dst=small, borderType=cv2.BORDER_REFLECT_101)
-    whole = cv2.resize(small, padded.shape[1::-1], interpolation=cv2.INTER_LINEAR_EXACT)
-    return np.ascontiguousarray(whole[pad : pad + height, pad : pad + width], np.uint8)
+    half = 2 * (size // 4) + 1
+    small = cv2.GaussianBlur(small, (half, half), rest, borderType=cv2.BORDER_REFLECT_101)
+    whole = cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR_EXACT)
+    return np.asarray(whole, np.uint8)
 
 
 def _expose(exposure: Exposure, image: Image) -> Image:
@@ -205,26 +205,36 @@ def _expose(exposure: Exposure, image: Image) -> Image:
 
 
 def _add_fast_noise(noise: Noise, image: Image) -> Image:
-    """Add fresh random bytes, mapped to normal quantiles, strip by strip.
+    """Add random bytes, mapped to normal quantiles, strip by strip.
 
-    One byte gives 256 quantiles only. Each strip has a table of its own, shifted by a fraction of
-    a quantile, so that a whole image takes ``_TABLES`` × 256 of them; and a strip fits the cache.
+    A strip's bytes are the sum modulo 256 of two banks of random bytes, each from a place of its
+    own: independent of either bank, so that nothing repeats unless both places do. One byte gives
+    256 quantiles only; each strip has a table of its own, shifted by a fraction of a quantile, so
+    that a whole image takes ``_TABLES`` × 256 of them.
     """
-    generator = np.random.SFC64(noise.seed)
-    order = np.argsort(generator.random_raw(_TABLES), kind="stable")
-    tables = np.rint(_quantiles() * noise.std).astype(np.int16)
     flat = np.ascontiguousarray(image).reshape(1, -1)
     noisy = np.empty_like(flat)
-    words = -(-flat.size // (8 * _TABLES))
-    for strip, table in enumerate(order):
-        part = np.s_[:, strip * words * 8 : (strip + 1) * words * 8]
-        source = flat[part]
-        if source.size == 0:
-            break
-        random = generator.random_raw(words).view(np.uint8)[: source.size]
-        values = cv2.LUT(random.reshape(1, -1), tables[table])
-        cv2.add(source, values, dst=noisy[part], dtype=cv2.CV_8U)
+    length = min(-(-flat.size // _TABLES), _MAX_STRIP)
+    starts = range(0, flat.size, length)
+    generator = np.random.SFC64(noise.seed)
+    places = generator.random_raw((len(starts), 2)) % np.uint64(_BANK - length)
+    shuffled = np.argsort(generator.random_raw(_TABLES), kind="stable")
+    tables = np.rint(_quantiles()[shuffled] * noise.std).astype(np.int16)
+    first, second = _banks()
+    for strip, (start, (one, other)) in enumerate(zip(starts, places.tolist(), strict=True)):
+        part = np.s_[:, start : start + length]
+        size = flat[part].size
+        random = first[None, one : one + size] + second[None, other : other + size]
+        values = cv2.LUT(random, tables[strip % _TABLES])
+        cv2.add(flat[part], values, dst=noisy[part], dtype=cv2.CV_8U)
     return np.asarray(noisy.reshape(image.shape), np.uint8)
+
+
+@cache
+def _banks() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return two banks of ``_BANK`` random bytes, the same in every run."""
+    first, second = (np.random.SFC64(seed).random_raw(_BANK // 8) for seed in (1, 2))
+    return first.view(np.uint8), second.view(np.uint8)
 
 
 @cache
