@@ -5,13 +5,16 @@ BIN := $(VENV)/bin
 comma := ,
 READY := $(VENV)/.ready-$(subst $(comma),-,$(EXTRAS))
 
-.PHONY: demo test lint clean
+.PHONY: demo test test-vm lint clean
 
 demo: $(READY)
 	$(BIN)/murk demo
 
 test: lint
 	$(BIN)/pytest
+
+test-vm: $(READY)
+	$(BIN)/python -m tests.vm.machine -- $(BIN)/pytest -p no:cacheprovider tests/vm
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
+from threading import Lock
 from types import TracebackType
 from typing import ClassVar, Self
 
@@ -56,6 +57,8 @@ class FrameSource(ABC):
 class Recording(FrameSource):
     """A source of frames on disk: read once, to its end; damage is counted and left out.
 
+    It may be closed while another thread reads it: the reader gets no further frame.
+
     Raises
     ------
     VideoError
@@ -69,13 +72,20 @@ class Recording(FrameSource):
         if first is None:
             raise VideoError(path, "not one picture in it can be decoded", "is it damaged?")
         self._frames = chain((first,), frames)
+        self._in_use = Lock()
 
     def __next__(self) -> Frame:
-        return next(self._frames)
+        with self._in_use:
+            return next(self._frames)
 
     def close(self) -> None:
-        """End the source; closing twice does nothing."""
-        self._frames = chain()
+        """Release the recording; closing twice does nothing."""
+        with self._in_use:
+            self._frames = chain()
+            self._release()
+
+    def _release(self) -> None:
+        """Close what the reader holds open."""
 
 
 def open_camera_source(spec: str | Path, sensor: str) -> FrameSource:

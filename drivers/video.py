@@ -66,9 +66,7 @@ class VideoFile(Recording):
         self._reformatter = VideoReformatter()
         super().__init__(path, self._decode())
 
-    def close(self) -> None:
-        """Close the file; closing twice does nothing."""
-        super().close()
+    def _release(self) -> None:
         self._container.close()
 
     def _decode(self) -> Iterator[Frame]:

@@ -6,6 +6,7 @@ import sys
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
+from threading import Thread
 
 import av
 import cv2
@@ -231,6 +232,19 @@ def test_reading_after_close_ends_and_closing_twice_does_nothing(tmp_path: Path)
     next(video)
     video.close()
     video.close()
+    assert list(video) == []
+
+
+def test_a_video_may_be_closed_while_another_thread_reads_it(tmp_path: Path) -> None:
+    path = encode(tmp_path / "a.mp4", [3600 * i for i in range(400)], size=(240, 320))
+    video = open_video(path, "camera")
+    seen: list[int] = []
+    reader = Thread(target=lambda: seen.extend(frame.sequence for frame in video))
+    reader.start()
+    video.close()
+    reader.join(timeout=30)
+    assert not reader.is_alive()
+    assert seen == list(range(len(seen)))
     assert list(video) == []
 
 
