@@ -1,7 +1,7 @@
-"""Debian's kernel and an initramfs for the micro-machine, fetched and built once.
+"""Debian's kernel for the micro-machine, fetched once, and the initramfs that starts it.
 
-They are kept in ``.cache/vm`` (``$XDG_CACHE_HOME/murk/vm`` where that is set), in a folder named
-after the kernel: a new kernel, or a changed ``init.sh``, gets a folder of its own.
+The kernel is kept in ``.cache/vm`` (``$XDG_CACHE_HOME/murk/vm`` where that is set), in a folder
+named after its package; remove the folder to fetch the newest.
 """
 
 from __future__ import annotations
@@ -35,24 +35,29 @@ class MachineError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Kernel:
-    """Paths of what QEMU boots.
+    """A kernel in the cache.
 
     Attributes
     ----------
-    image:
-        Uncompressed kernel: it boots in half the time of the compressed one.
-    initramfs:
-        Archive of busybox, ``init.sh`` and the modules.
-    modules:
-        Folder for ``modprobe -d``; it holds ``lib/modules``.
+    folder:
+        Holds ``vmlinux``, uncompressed because that boots in half the time, and ``lib/modules``
+        for ``modprobe -d``.
     """
 
-    image: Path
-    initramfs: Path
-    modules: Path
+    folder: Path
+
+    @property
+    def image(self) -> Path:
+        """The kernel that QEMU boots."""
+        return self.folder / "vmlinux"
+
+    def module_files(self) -> list[Path]:
+        """Return the files to load for ``MODULES``, in order, each once."""
+        version = next((self.folder / "lib" / "modules").iterdir()).name
+        return module_files(self.folder, version)
 
 
-def prepare() -> Kernel:
+def prepare_kernel() -> Kernel:
     """Return the kernel from the cache; the first time, fetch Debian's and unpack it there.
 
     Raises
@@ -61,27 +66,23 @@ def prepare() -> Kernel:
         If a tool is missing or the package cannot be fetched.
     """
     cache = cache_folder()
-    built = sorted(cache.glob(f"linux-image-*-{fingerprint()}"))
-    if not built:
-        package = newest_package()
-        built = [cache / f"{package}-{fingerprint()}"]
-        cache.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=cache) as scratch:
-            build(package, Path(scratch))
-            publish(Path(scratch, "kernel"), built[0])
-    folder = built[-1]
-    return Kernel(folder / "vmlinux", folder / "initramfs", folder)
+    suffix = hashlib.sha256(" ".join(MODULES).encode()).hexdigest()[:6]
+    kept = sorted(cache.glob(f"linux-image-*+{suffix}"))
+    if kept:
+        return Kernel(kept[-1])
+    package = newest_package()
+    folder = cache / f"{package}+{suffix}"
+    cache.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=cache) as scratch:
+        unpack(package, Path(scratch))
+        publish(Path(scratch, "kernel"), folder)
+    return Kernel(folder)
 
 
 def cache_folder() -> Path:
     """Return the folder that outlives a run."""
     home = os.environ.get("XDG_CACHE_HOME")
     return Path(home, "murk", "vm") if home else ROOT / ".cache" / "vm"
-
-
-def fingerprint() -> str:
-    """Return a hash of what the initramfs is made from beside the kernel."""
-    return hashlib.sha256(INIT.read_bytes() + Path(__file__).read_bytes()).hexdigest()[:8]
 
 
 def newest_package() -> str:
@@ -93,37 +94,28 @@ def newest_package() -> str:
     raise MachineError("apt-cache knows no linux-image-amd64; run apt-get update on Debian amd64")
 
 
-def build(package: str, scratch: Path) -> None:
+def unpack(package: str, scratch: Path) -> None:
     """Fetch the package and leave what the machine needs in ``scratch/kernel``."""
     run("apt-get", "download", package, folder=scratch)
     unpacked, kernel = scratch / "unpacked", scratch / "kernel"
     run("dpkg", "-x", str(next(scratch.glob("*.deb"))), str(unpacked))
-    version = next((unpacked / "lib" / "modules").iterdir()).name
-    run("depmod", "-b", str(unpacked), version)
-    modules = with_dependencies(MODULES, unpacked, version)
-    for path in modules:
+    modules = next((unpacked / "lib" / "modules").iterdir())
+    run("depmod", "-b", str(unpacked), modules.name)
+    indices = modules.glob("modules.[bo]*")  # depmod reads modules.builtin* and modules.order
+    for path in [*module_files(unpacked, modules.name), *indices]:
         target = kernel / path.relative_to(unpacked)
         target.parent.mkdir(parents=True, exist_ok=True)
         path.rename(target)
-    for path in (unpacked / "lib" / "modules" / version).glob("modules.[bo]*"):
-        path.rename(kernel / path.relative_to(unpacked))
-    run("depmod", "-b", str(kernel), version)
-    image = (unpacked / "boot" / f"vmlinuz-{version}").read_bytes()
+    run("depmod", "-b", str(kernel), modules.name)
+    image = (unpacked / "boot" / f"vmlinuz-{modules.name}").read_bytes()
     (kernel / "vmlinux").write_bytes(decompress(image))
-    files = [kernel / path.relative_to(unpacked) for path in modules]
-    make_initramfs(files, kernel / "initramfs")
 
 
-def with_dependencies(modules: Sequence[str], base: Path, version: str) -> list[Path]:
-    """Return the files to load for ``modules``, in order, each once."""
-    lines = (
-        line
-        for module in modules
-        for line in run(
-            "modprobe", "-d", str(base), "-S", version, "--show-depends", module
-        ).splitlines()
-    )
-    files = [Path(line.split()[1]) for line in lines if line.startswith("insmod")]
+def module_files(base: Path, version: str) -> list[Path]:
+    """Return the files to load for ``MODULES``, in order, each once."""
+    options = ("-d", str(base), "-S", version, "--show-depends", "--all")
+    lines = run("modprobe", *options, *MODULES).splitlines()
+    files = [Path(line[7:].strip()) for line in lines if line.startswith("insmod ")]
     return list(dict.fromkeys(files))
 
 
@@ -135,26 +127,21 @@ def decompress(image: bytes) -> bytes:
     return lzma.LZMADecompressor().decompress(image[start : start + length])
 
 
-def make_initramfs(modules: Sequence[Path], path: Path) -> None:
+def make_initramfs(modules: Sequence[Path], scratch: Path) -> Path:
     """Pack busybox, ``init.sh`` and ``modules``, which it loads in the order of their names."""
-    with tempfile.TemporaryDirectory(dir=path.parent) as scratch:
-        tree = Path(scratch)
-        for folder in ("bin", "dev", "proc", "sys", "modules", "host", "overlay", "root"):
-            (tree / folder).mkdir()
-        shutil.copy(tool("busybox"), tree / "bin" / "busybox")
-        shutil.copy(INIT, tree / "init")
-        (tree / "init").chmod(0o755)
-        for index, module in enumerate(modules):
-            shutil.copy(module, tree / "modules" / f"{index:02}-{module.name}")
-        names = sorted(str(entry.relative_to(tree)) for entry in tree.rglob("*"))
-        packed = subprocess.run(
-            [tool("cpio"), "--quiet", "-o", "-H", "newc"],
-            input="\n".join(names).encode(),
-            capture_output=True,
-            cwd=tree,
-            check=True,
-        )
-    path.write_bytes(packed.stdout)
+    tree = scratch / "initramfs"
+    for folder in ("bin", "dev", "proc", "sys", "modules", "host", "overlay", "root"):
+        (tree / folder).mkdir(parents=True)
+    shutil.copy(tool("busybox"), tree / "bin" / "busybox")
+    shutil.copy(INIT, tree / "init")
+    (tree / "init").chmod(0o755)
+    for index, module in enumerate(modules):
+        shutil.copy(module, tree / "modules" / f"{index:02}-{module.name}")
+    names = sorted(str(entry.relative_to(tree)) for entry in tree.rglob("*"))
+    archive = scratch / "initramfs.cpio"
+    options = ("--quiet", "-o", "-H", "newc", "-F", str(archive))
+    run("cpio", *options, folder=tree, standard_input="\n".join(names))
+    return archive
 
 
 def publish(built: Path, target: Path) -> None:
@@ -180,7 +167,7 @@ def tool(name: str) -> str:
     return found
 
 
-def run(name: str, *arguments: str, folder: Path | None = None) -> str:
+def run(name: str, *arguments: str, folder: Path | None = None, standard_input: str = "") -> str:
     """Run a program and return its output.
 
     Raises
@@ -189,7 +176,12 @@ def run(name: str, *arguments: str, folder: Path | None = None) -> str:
         If it is not installed or fails.
     """
     result = subprocess.run(
-        [tool(name), *arguments], capture_output=True, text=True, cwd=folder, check=False
+        [tool(name), *arguments],
+        input=standard_input,
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        check=False,
     )
     if result.returncode:
         reason = " ".join(result.stderr.split())

@@ -28,7 +28,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tests.vm.kernel import Kernel, MachineError, prepare, tool
+from tests.vm.kernel import Kernel, MachineError, make_initramfs, prepare_kernel, tool
 
 KERNEL_LINE = (
     "console=ttyS0 quiet panic=-1 nokaslr mitigations=off tsc=reliable no_timer_check "
@@ -71,14 +71,15 @@ def run_in_machine(
         If QEMU or a tool is missing, or the machine does not come to an end; one line.
     """
     tool("qemu-system-x86_64")
-    kernel = prepare()
+    kernel = prepare_kernel()
     with tempfile.TemporaryDirectory(prefix="murk-vm-") as scratch:
         share = Path(scratch)
+        initramfs = make_initramfs(kernel.module_files(), share)
         (share / "command").write_text(script(command, folder or Path.cwd(), kernel))
         console = share / "console"
         with console.open("wb") as log, (share / "output").open("w+b") as output:
             process = subprocess.Popen(
-                qemu(kernel, share), stdin=subprocess.DEVNULL, stdout=log, stderr=log
+                qemu(kernel, initramfs, share), stdin=subprocess.DEVNULL, stdout=log, stderr=log
             )
             try:
                 pieces = follow(process, output.read, time.monotonic() + timeout_s, show)
@@ -97,7 +98,7 @@ def script(command: Sequence[str], folder: Path, kernel: Kernel) -> str:
     environment |= {
         "HOME": "/tmp",
         "MURK_VM": "1",
-        "MURK_VM_MODULES": str(kernel.modules),
+        "MURK_VM_MODULES": str(kernel.folder),
         "PYTHONDONTWRITEBYTECODE": "1",
         "PYTHONUNBUFFERED": "1",
     }
@@ -105,13 +106,13 @@ def script(command: Sequence[str], folder: Path, kernel: Kernel) -> str:
     return "\n".join([*exports, f"cd {shlex.quote(str(folder))}", shlex.join(command), ""])
 
 
-def qemu(kernel: Kernel, share: Path) -> list[str]:
+def qemu(kernel: Kernel, initramfs: Path, share: Path) -> list[str]:
     """Return QEMU's command line: plain emulation, since KVM inside a machine may hang."""
     return [
         *(tool("qemu-system-x86_64"), "-accel", "tcg,thread=multi", "-cpu", "Nehalem,rdrand=on"),
         *("-smp", "2", "-m", "3072", "-nodefaults", "-no-user-config", "-no-reboot"),
         *("-display", "none", "-serial", "stdio"),
-        *("-kernel", str(kernel.image), "-initrd", str(kernel.initramfs), "-append", KERNEL_LINE),
+        *("-kernel", str(kernel.image), "-initrd", str(initramfs), "-append", KERNEL_LINE),
         "-fsdev",
         "local,id=root,path=/,security_model=none,readonly=on,multidevs=remap",
         *("-device", "virtio-9p-pci,fsdev=root,mount_tag=root"),

@@ -14,7 +14,7 @@ from tests.vm.kernel import Kernel, MachineError, decompress
 from tests.vm.machine import qemu, run_in_machine, script
 from tests.vm.marks import needs_machine
 
-KERNEL = Kernel(Path("/k/vmlinux"), Path("/k/initramfs"), Path("/k"))
+KERNEL = Kernel(Path("/kernel"))
 
 
 def test_what_is_not_installed_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -26,7 +26,7 @@ def test_what_is_not_installed_is_told_in_one_line(monkeypatch: pytest.MonkeyPat
 def test_the_machine_is_plainly_emulated_and_cannot_write_to_the_root() -> None:
     if shutil.which("qemu-system-x86_64") is None:
         pytest.skip("QEMU is not installed")
-    line = qemu(KERNEL, Path("/share"))
+    line = qemu(KERNEL, Path("/initramfs"), Path("/share"))
     assert not any("kvm" in argument for argument in line)
     assert all("readonly=on" in argument for argument in line if "path=/," in argument)
 
