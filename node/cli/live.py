@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import deque
+from collections.abc import Callable
 from time import monotonic
 from types import TracebackType
 from typing import Any, Self
@@ -110,37 +111,39 @@ def _line(level: NoiseLevel) -> str:
 
 
 def print_summary(summary: dict[str, Any]) -> None:
-    """Print the summary of a run as a table for a person."""
+    """Print the summary of a run as a table for a person, a column a sensor."""
     console = Console()
-    table = Table(
-        "sensor",
-        "received",
-        "estimated",
-        "dropped",
-        "lost cycles",
-        "failures",
-        "Hz",
-        "mean level",
-        "mean error",
-        "latency p50 / p99, ms",
-        title=f"{summary['scene']}, {summary['wall_time_s']:.1f} s",
-    )
-    for sensor, counts in summary["sensors"].items():
-        if not counts["estimated"]:
-            table.add_row(sensor, str(counts["received"]), counts["state"])
-            continue
-        table.add_row(
-            sensor,
-            str(counts["received"]),
-            str(counts["estimated"]),
-            str(counts["dropped_by_source"] + counts["dropped_by_queue"]),
-            str(counts["cycles_lost"]),
-            str(counts["failures"]),
-            f"{counts.get('rate_hz', 0):.1f}",
-            f"{counts['mean_level']:.1f} %",
-            f"{counts['mean_error']:.1f} %",
-            f"{counts['latency_p50_ns'] / 1e6:.2f} / {counts['latency_p99_ns'] / 1e6:.2f}",
-        )
+    table = Table("", *summary["sensors"], title=f"{summary['scene']}, {summary['wall_time_s']} s")
+    for name, text in _ROWS.items():
+        table.add_row(name, *(text(counts) for counts in summary["sensors"].values()))
     console.print(table)
     if "picture" in summary:
         console.print(f"picture: {summary['picture']}")
+
+
+def _if_estimated(text: str) -> Callable[[dict[str, Any]], str]:
+    def row(counts: dict[str, Any]) -> str:
+        return text.format(**counts) if counts["estimated"] else "–"
+
+    return row
+
+
+_ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "state": "{state}".format_map,
+    "received": "{received}".format_map,
+    "estimated": "{estimated}".format_map,
+    "dropped by the source": "{dropped_by_source}".format_map,
+    "dropped by the queue": "{dropped_by_queue}".format_map,
+    "lost CAN frames": "{frames_lost}".format_map,
+    "lost cycles": "{cycles_lost}".format_map,
+    "failures": "{failures}".format_map,
+    "rate": lambda counts: f"{counts['rate_hz']:.1f} Hz" if "rate_hz" in counts else "–",
+    "mean level": _if_estimated("{mean_level:.1f} %"),
+    "mean error against the injected": _if_estimated("{mean_error:.1f} %"),
+    "latency p50": lambda counts: _milliseconds(counts, "latency_p50_ns"),
+    "latency p99": lambda counts: _milliseconds(counts, "latency_p99_ns"),
+}
+
+
+def _milliseconds(counts: dict[str, Any], name: str) -> str:
+    return f"{counts[name] / 1e6:.2f} ms" if name in counts else "–"
