@@ -1,0 +1,176 @@
+"""What a camera frame shows of its own degradation, as one vector for the camera's network.
+
+Everything is read at native resolution (shrinking destroys the evidence of noise and blur), from
+bands of a few full rows spread over the height, so that the cost does not grow with the frame.
+
+- Histograms of the three channels: clipping, the plateau under a ceiling, brightness.
+- The comb: where the frame was locally constant, a gain g leaves only the values round(g·k), so
+  the histogram of locally constant pixels has gaps that betray g.
+- Histograms of differences at several distances: noise against structure.
+- The power spectrum along rows and along columns: a Gaussian blur multiplies it by
+  exp(−σ²ω²), noise and rounding lay a floor under it.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import InputError
+from models.estimate.level import LEVELS
+
+_ROWS = 8
+_PIXELS = 120_000
+_SEGMENT = 128
+_FLOOR = 0.01  # well under the 1/12 count² of rounding to 8 bit
+_SQUARE = np.ones((3, 3), np.uint8)
+_DIFFERENCE_EDGES = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
+_WINDOW = np.hanning(_SEGMENT + 1)[:_SEGMENT].astype(np.float32)
+_WINDOW /= np.sqrt(np.sum(_WINDOW**2))
+
+
+def _combs() -> NDArray[np.float32]:
+    """Return the values that each exposure gain leaves possible, 0 or 1, shape (21, 256).
+
+    Full-range video first (gains 1.3 to 4), then video of limited range (16–235), as H.264 mostly
+    is, whose conversion is a comb of its own (gains 1 to 4).
+    """
+    full = np.arange(256.0)
+    limited = np.rint((np.arange(16, 236) - 16) * 255 / 219)
+    gains = 1 + 3 * LEVELS / 100
+    combs = np.zeros((2 * len(gains) - 1, 256), np.float32)
+    cases = [(gain, full) for gain in gains[1:]] + [(gain, limited) for gain in gains]
+    for comb, (gain, values) in zip(combs, cases, strict=True):
+        comb[np.minimum(np.rint(gain * values), 255).astype(int)] = 1
+    return combs
+
+
+_COMBS = _combs()
+_COMB_COUNTS = np.cumsum(_COMBS, axis=1)
+
+
+def image_features(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return the features of one frame.
+
+    Parameters
+    ----------
+    image:
+        (height, width, 3) uint8 BGR of any size from 1×1 up.
+
+    Returns
+    -------
+    (n,) float32, finite; n does not depend on the size.
+
+    Raises
+    ------
+    InputError
+        If the array is no such image.
+    """
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
+        raise InputError(
+            "image", f"{image.dtype} of shape {image.shape}", "expected uint8 (height, width, 3)"
+        )
+    planes = np.ascontiguousarray(np.moveaxis(_bands(_at_least_one_segment(image)), 2, 0))
+    green = planes[1]
+    return np.concatenate(
+        [_histograms(planes), _comb(planes), _differences(green), _spectrum(green)],
+        dtype=np.float32,
+    )
+
+
+def _at_least_one_segment(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    height, width = image.shape[:2]
+    below, right = max(0, _SEGMENT - height), max(0, _SEGMENT - width)
+    if not below and not right:
+        return image
+    return np.asarray(
+        cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REFLECT_101), np.uint8
+    )
+
+
+def _bands(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    height, width = image.shape[:2]
+    count = min(height // _ROWS, max(1, round(_PIXELS / (_ROWS * width))))
+    tops = ((np.arange(count) + 0.5) * height / count - _ROWS / 2).astype(int)
+    return np.concatenate([image[top : top + _ROWS] for top in tops])
+
+
+def _count(plane: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return how often each value occurs, shape (256,)."""
+    return np.ravel(cv2.calcHist([plane], [0], None, [256], [0, 256])).astype(np.float32)
+
+
+def _histograms(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
+    parts = []
+    for plane in planes:
+        half = plane[::2]
+        share = _count(half) / half.size
+        parts += [share.reshape(64, 4).sum(axis=1), share[:8], share[-8:]]
+    return np.asarray(np.sqrt(np.concatenate(parts)), np.float32)
+
+
+def _comb(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return the histogram of locally constant pixels, its spectrum, and its fit to each comb."""
+    counts = np.zeros(256, np.float32)
+    for plane in planes:
+        varying = cv2.morphologyEx(plane, cv2.MORPH_GRADIENT, _SQUARE)
+        _, constant = cv2.threshold(varying, 0, 255, cv2.THRESH_BINARY_INV)
+        marked = cv2.bitwise_and(plane, constant)
+        counts += _count(np.asarray(marked, np.uint8))
+        counts[0] -= marked.size - cv2.countNonZero(constant)
+    share = counts / (3 * planes[0].size)
+    dark, clipped = share[0], share[254:].sum()
+    share[[0, 254, 255]] = 0
+    total = share.sum()
+    shape = share / (total + 1e-4)
+    present = share > 1e-5
+    highest = int(np.flatnonzero(present)[-1]) if present.any() else 0
+    covered = (_COMBS @ present) / np.maximum(_COMB_COUNTS[:, highest] - _COMBS[:, 0], 1)
+    inside = (_COMBS @ present) / (np.count_nonzero(present) + 1)
+    return np.concatenate(
+        [
+            [np.log10(total + 1e-6), dark, clipped],
+            np.sqrt(shape),
+            _COMBS @ shape,
+            inside,
+            covered,
+            np.abs(np.fft.rfft(shape)[1:]),
+        ]
+    )
+
+
+def _differences(green: NDArray[np.uint8]) -> NDArray[np.float32]:
+    pairs = [(green[::2, step:], green[::2, :-step]) for step in (1, 2, 4, 8)]
+    pairs.append((green[1::2], green[::2]))
+    middle = cv2.addWeighted(green[::2, 2:], 0.5, green[::2, :-2], 0.5, 0)
+    pairs.append((green[::2, 1:-1], np.asarray(middle, np.uint8)))
+    parts = []
+    for one, other in pairs:
+        difference = np.asarray(cv2.absdiff(one, other), np.uint8)
+        parts.append(np.add.reduceat(_count(difference), _DIFFERENCE_EDGES) / difference.size)
+    return np.asarray(np.sqrt(np.concatenate(parts)), np.float32)
+
+
+def _spectrum(green: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return log power over 64 frequencies: mean power, mean log power, that of busy segments."""
+    rows = green[::4]
+    whole = rows.shape[1] // _SEGMENT * _SEGMENT
+    segments = rows[:, :whole].reshape(-1, _SEGMENT).astype(np.float32)
+    segments -= segments.mean(axis=1, keepdims=True)
+    segments *= _WINDOW
+    power = np.abs(np.fft.rfft(segments, axis=1)[:, 1:]) ** 2
+    log_power = np.log(power + _FLOOR)
+    busy = max(1, len(power) // 10)
+    busiest = np.argpartition(power[:, :8].sum(axis=1), -busy)[-busy:]
+    return np.concatenate(
+        [
+            np.log(power.mean(axis=0) + _FLOOR),
+            log_power.mean(axis=0),
+            log_power[busiest].mean(axis=0),
+        ]
+    )
+
+
+FEATURES = image_features(np.zeros((1, 1, 3), np.uint8)).size
+"""How many features ``image_features`` returns."""

@@ -1,0 +1,204 @@
+"""Accuracy of a camera estimator on real frames, degraded at known levels."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import InputError
+from drivers.images import read_image
+from models.degrade.camera import KINDS, Method, apply, draw
+from models.degrade.draw import DrawKey
+from models.estimate.level import CAMERA_KINDS, LEVELS, Estimate
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class CleanFrame:
+    """One undegraded frame of the data.
+
+    Attributes
+    ----------
+    path:
+        The image.
+    mask:
+        Image of the same size, non-zero where pixels were repaired; it may not exist.
+    scene, source, licence, condition:
+        Where it comes from, its terms, and the time of day.
+    certain:
+        False where it was sharpened or is soft, so that level 0 is true with care only.
+    """
+
+    path: Path
+    mask: Path
+    scene: str
+    source: str
+    licence: str
+    condition: str
+    certain: bool
+
+    def read(self) -> Image:
+        """Return the image, (height, width, 3) uint8 BGR.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read.
+        """
+        image = read_image(self.path)
+        if image is None:
+            raise InputError(self.path, "cannot be read", "an image that index.csv names")
+        return image
+
+
+def clean_frames(data: Path, split: str) -> list[CleanFrame]:
+    """Return the frames of a split that may serve as level 0, in the order of ``index.csv``.
+
+    Parameters
+    ----------
+    data:
+        Folder with ``camera/index.csv``.
+    split:
+        ``train``, ``val`` or ``test``; the scenes of one are in no other.
+
+    Raises
+    ------
+    InputError
+        If there is no such index, or no such frame in it.
+    """
+    folder = data / "camera"
+    index = folder / "index.csv"
+    try:
+        rows = list(csv.DictReader(index.read_text(encoding="utf-8").splitlines()))
+        frames = [
+            CleanFrame(
+                path=folder / row["file"],
+                mask=folder / "masks" / f"{Path(row['file']).stem}.png",
+                scene=row["scene"],
+                source=row["source"].split(":")[0],
+                licence=row["licence"],
+                condition=row["timeofday"],
+                certain=float(row["clean"]) == 1,
+            )
+            for row in rows
+            if row["split"] == split and float(row["clean"]) > 0
+        ]
+    except OSError as error:
+        raise InputError(index, error.strerror or "cannot be read", "a list of frames") from None
+    except (KeyError, ValueError) as error:
+        raise InputError(index, f"no list of frames ({error})", "split, file, clean, …") from None
+    if not frames:
+        raise InputError(index, f"has no clean frame of split {split}")
+    return frames
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answers:
+    """What an estimator answered to n degraded frames.
+
+    Attributes
+    ----------
+    kinds, levels:
+        The truth: index into ``CAMERA_KINDS`` and level in %, (n,) each.
+    frames:
+        Index of the clean frame, (n,).
+    probabilities, kind_probabilities:
+        The answers, (n, 11) and (n, 5).
+    """
+
+    kinds: NDArray[np.intp]
+    levels: NDArray[np.float64]
+    frames: NDArray[np.intp]
+    probabilities: NDArray[np.float64]
+    kind_probabilities: NDArray[np.float64]
+
+    @property
+    def hits(self) -> NDArray[np.bool_]:
+        """Whether the most probable level is the true one, (n,)."""
+        return np.asarray(LEVELS[self.probabilities.argmax(axis=1)] == self.levels)
+
+    @property
+    def errors(self) -> NDArray[np.float64]:
+        """Distance of the mean level from the true one, points, (n,)."""
+        return np.asarray(np.abs(self.probabilities @ LEVELS - self.levels))
+
+    def confusion(self) -> NDArray[np.intp]:
+        """Return how often each true level (rows) was taken for each level, (11, 11)."""
+        table = np.zeros((len(LEVELS), len(LEVELS)), np.intp)
+        truth = np.searchsorted(LEVELS, self.levels)
+        np.add.at(table, (truth, self.probabilities.argmax(axis=1)), 1)
+        return table
+
+    def table(self) -> dict[str, dict[str, float]]:
+        """Return, over all and by true kind: count, accuracies, and mean error in points."""
+        groups = {"all": np.ones(len(self.kinds), bool)}
+        groups |= {kind: self.kinds == index for index, kind in enumerate(CAMERA_KINDS)}
+        return {name: self._row(group) for name, group in groups.items() if group.any()}
+
+    def among(self, group: NDArray[np.bool_]) -> Answers:
+        """Return the answers that a mask (n,) selects."""
+        return Answers(
+            self.kinds[group],
+            self.levels[group],
+            self.frames[group],
+            self.probabilities[group],
+            self.kind_probabilities[group],
+        )
+
+    def _row(self, group: NDArray[np.bool_]) -> dict[str, float]:
+        kind_hits = self.kind_probabilities[group].argmax(axis=1) == self.kinds[group]
+        return {
+            "count": int(group.sum()),
+            "accuracy": float(self.hits[group].mean()),
+            "mean_error": float(self.errors[group].mean()),
+            "kind_accuracy": float(kind_hits.mean()),
+        }
+
+
+def degraded(
+    frames: Sequence[CleanFrame], *, draws: int, seed: int, method: Method = "fast"
+) -> Iterator[tuple[int, str, float, Image]]:
+    """Yield each clean frame ``draws`` times, degraded: frame's index, kind, level, image.
+
+    Kinds in equal shares, each at a level that is uniform over the eleven; level 0 of any kind is
+    ``clean``.
+    """
+    for index, frame in enumerate(frames):
+        image = frame.read()
+        for draw_number in range(draws):
+            key = DrawKey(seed, frame.path.name, draw_number)
+            choice = key.generator("kind and level")
+            kind, level = KINDS[choice.integers(len(KINDS))], float(choice.choice(LEVELS))
+            degradation = draw(kind, level, key, method=method)
+            yield index, kind if level else "clean", level, apply(degradation, image)
+
+
+def measure(
+    estimate: Callable[[Image], Estimate],
+    frames: Sequence[CleanFrame],
+    *,
+    draws: int = 4,
+    seed: int = 0,
+    method: Method = "fast",
+) -> Answers:
+    """Return what an estimator answers to frames degraded as ``degraded`` does."""
+    truth, estimates = [], []
+    for index, kind, level, image in degraded(frames, draws=draws, seed=seed, method=method):
+        truth.append((CAMERA_KINDS.index(kind), level, index))
+        estimates.append(estimate(image))
+    kinds, levels, indices = (np.array(column) for column in zip(*truth, strict=True))
+    return Answers(
+        kinds=kinds,
+        levels=levels,
+        frames=indices,
+        probabilities=np.array([answer.probabilities for answer in estimates]),
+        kind_probabilities=np.array(
+            [[answer.kind_probabilities[kind] for kind in CAMERA_KINDS] for answer in estimates]
+        ),
+    )

@@ -1,0 +1,97 @@
+"""The card of a trained camera network: what it is, what it saw, what it reaches."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from models.evaluate.camera import Answers, CleanFrame
+
+_HEAD = """\
+# Camera noise level
+
+Tells from one frame how degraded it is: a distribution over eleven levels (0, 10, …, 100 %) and
+the kind (clean, blur, over, under, noise).
+
+- Input `features`: what `models.estimate.image_features` reads from a BGR frame of any size, at
+  native resolution. Outputs `level` and `kind`: logits, tempered on the split `val`.
+- {parameters:,} parameters; {samples:,} training samples; seed {seed}.
+- Reproduce: `murk train camera --data DATA --seed {seed}`.
+
+## Trained on
+
+Clean frames, varied (crop, shrinking, gamma, sharpening, sensor noise up to 2.5 counts, JPEG,
+H.264), then degraded by `models.degrade.camera`, fast and exact variants in equal shares; two
+percent of them are frames of one colour, which hold no evidence.
+
+**Some of this data is licensed for research or non-commercial use only. Whether weights trained on
+it inherit those terms is not settled: for commercial use, train on data of your own.**
+
+| source | licence | frames |
+|---|---|---|
+"""
+
+_MEASURED = """
+## Measured
+
+Clean frames of scenes that are in no other split, at native size; kinds in equal shares, levels
+uniform over the eleven. `test` was used for nothing but these figures. Mean error: distance of the
+mean of the distribution from the true level, percentage points.
+"""
+
+_LIMITS = """
+## Limits
+
+- Over-exposure of a noisy or sharpened picture is seen by its brightness only, and is the least
+  certain; where pixels are locally constant, the gaps in the histogram betray the gain.
+- A picture that was compressed or resized after it was degraded is not what it was trained on.
+- Naturally degraded frames (drops on the lens, motion blur) have no true level; none was used.
+"""
+
+
+def write_card(
+    path: Path,
+    *,
+    splits: Mapping[str, list[CleanFrame]],
+    answers: Mapping[str, Answers],
+    samples: int,
+    parameters: int,
+    seed: int,
+) -> None:
+    """Write the card of a network.
+
+    Parameters
+    ----------
+    path:
+        The Markdown file.
+    splits:
+        Frames by split; ``train`` are those that it learnt from.
+    answers:
+        What it answered to the other splits, by split.
+    samples, parameters, seed:
+        Of the training.
+    """
+    text = _HEAD.format(parameters=parameters, samples=samples, seed=seed)
+    sources = Counter((frame.source, frame.licence) for frame in splits["train"])
+    for (source, licence), count in sorted(sources.items()):
+        text += f"| {source} | {licence} | {count} |\n"
+    text += _MEASURED
+    for split, answer in answers.items():
+        text += f"\n**{split}**, all frames\n\n{_table(answer)}"
+        certain = np.array([frame.certain for frame in splits[split]])[answer.frames]
+        text += f"\n**{split}**, frames that are certainly clean\n\n"
+        text += _table(answer.among(certain))
+    path.write_text(text + _LIMITS, encoding="utf-8")
+
+
+def _table(answers: Answers) -> str:
+    lines = ["| kind | frames | level right | mean error | kind right |", "|---|---|---|---|---|"]
+    lines += [
+        f"| {kind} | {row['count']} | {row['accuracy']:.1%} | {row['mean_error']:.1f} "
+        f"| {row['kind_accuracy']:.1%} |"
+        for kind, row in answers.table().items()
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,61 @@
+"""Writes a trained network as an ONNX file that ``models.estimate.network`` takes for murk's."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+
+import onnx
+import torch
+from torch import Tensor
+
+
+def export(
+    network: torch.nn.Module,
+    example: Mapping[str, Tensor],
+    output: Path,
+    *,
+    model: str,
+    version: int,
+    kinds: tuple[str, ...],
+) -> None:
+    """Write a network with the metadata that murk asks for.
+
+    Parameters
+    ----------
+    network:
+        Returns logits of level (1, 11) and of kind (1, number of kinds).
+    example:
+        An input by name, in the order of the network's arguments; its shapes are the file's.
+    output:
+        The ONNX file; its folder is made if need be.
+    model, version, kinds:
+        See ``models.estimate.network``.
+    """
+    # The exporter reports, as warnings, the parts of PyTorch that are not installed.
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        program = torch.onnx.export(
+            network.eval(),
+            tuple(example.values()),
+            input_names=list(example),
+            output_names=["level", "kind"],
+            dynamo=True,
+            verbose=False,
+        )
+    if program is None:  # only ever so with dynamo=False
+        raise RuntimeError("torch.onnx.export returned no program")
+    content = program.model_proto
+    onnx.helper.set_model_props(
+        content,
+        {
+            "murk.model": model,
+            "murk.version": str(version),
+            "murk.kinds": ",".join(kinds),
+        },
+    )
+    output.parent.mkdir(parents=True, exist_ok=True)
+    onnx.save(content, output)
