@@ -10,11 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.sensor import RadarSensor
+from models.sensor import ARS408
 from models.world.echoes import Beam, Echoes
 from models.world.objects import Floats
+from models.world.sight import Antenna
 
 _MOVING, _STATIONARY, _ONCOMING, _CANDIDATE, _UNKNOWN, _CROSSING = 0, 1, 2, 3, 4, 6
+
+QUALITY = ("x_rms", "y_rms", "vx_rms", "vy_rms", "pdh0", "ambig_state", "invalid_state")
+"""Fields that come with the quality frames."""
 
 Columns = dict[str, NDArray[Any]]
 
@@ -22,8 +26,7 @@ Columns = dict[str, NDArray[Any]]
 def describe(
     echoes: Echoes,
     beam: Beam,
-    motion: tuple[float, float, float],
-    sensor: RadarSensor,
+    antenna: Antenna,
     rng: np.random.Generator,
 ) -> Columns:
     """Return the fields of ``RadarScan`` for one list.
@@ -34,10 +37,8 @@ def describe(
         Sorted by range.
     beam:
         The scan that measured them.
-    motion:
-        The sensor's own velocity ahead and to the left, m/s, and its yaw rate, rad/s.
-    sensor:
-        Gives the CAN grid.
+    antenna:
+        The sensor's own motion, which it takes out of what stands.
     rng:
         Draws the flags.
     """
@@ -46,14 +47,13 @@ def describe(
     invalid, pdh0 = _validity(echoes, beam, outside, rng)
     cos, sin = np.cos(echoes.azimuth), np.sin(echoes.azimuth)
     x, y = echoes.r * cos, echoes.r * sin
-    forward, left, turn = motion
     standing = np.isin(dyn, (_STATIONARY, _CANDIDATE))
-    vy = np.where(standing, -left - turn * x, 0.0)
+    vy = np.where(standing, -antenna.left - antenna.yaw_rate * x, 0.0)
     vx = (echoes.speed - vy * sin) / np.maximum(cos, 0.1)
     known = ~outside
     rms = _rms(echoes, beam)
     columns: Columns = {
-        name: sensor.to_grid(name, value).astype(np.float32)
+        name: ARS408.to_grid(name, value).astype(np.float32)
         for name, value in {
             "x": x,
             "y": y,
@@ -73,7 +73,7 @@ def _dyn_prop(
 ) -> NDArray[np.uint8]:
     """Return DynProp; what stands is first a candidate, the longer the farther and fainter."""
     n = len(echoes)
-    doubt = 0.02 + 0.009 * np.minimum(echoes.r, 85) - 0.018 * (echoes.rcs - 4)
+    doubt = 0.0075 * np.minimum(echoes.r, 85) - 0.016 * (echoes.rcs - 4)
     dyn = np.where(rng.random(n) < doubt, _CANDIDATE, _STATIONARY)
     dyn[echoes.moving] = _MOVING
     dyn[echoes.moving & (echoes.speed < -1)] = _ONCOMING
@@ -90,7 +90,7 @@ def _validity(
     degrees = np.degrees(np.abs(echoes.azimuth))
     u, w = rng.random(n), rng.random(n)
     state = np.zeros(n, np.uint8)
-    multiple = 0.035 + 0.0045 * degrees
+    multiple = 0.01 + 0.002 * degrees + 0.25 * echoes.shared
     state[u < multiple] = 16
     if not beam.far:
         state[(state == 0) & (echoes.r > 95) & (degrees < 9)] = 15
@@ -100,7 +100,7 @@ def _validity(
     v = rng.random(n)
     child = v < (0.02 if beam.far else 0.1) * (echoes.r > 12)
     state[child] = 9
-    shoulder = (v > 0.1) & (v < 0.14 + np.minimum(0.06 * echoes.shoulder, 0.6))
+    shoulder = (v > 0.1) & (v < 0.13 + np.minimum(0.1 * echoes.shoulder, 0.65))
     state[shoulder] = 11
     if beam.far:
         state[(echoes.r < 50) & (rng.random(n) < 0.5)] = 3
@@ -127,7 +127,7 @@ def _ambiguity(
 def _rms(echoes: Echoes, beam: Beam) -> dict[str, Floats]:
     """Return the RMS indices: k where 0.005 · 2000^(k/30) is the standard deviation."""
     noise = 10 ** ((20.0 - echoes.snr) / 20)
-    along = np.hypot(0.62, 0.4 * noise)
+    along = np.hypot(1.02 if beam.far else 0.62, 0.4 * noise)
     across = np.hypot(0.62, echoes.r * np.radians(0.6) * np.hypot(0.6, noise))
     cos, sin = np.abs(np.cos(echoes.azimuth)), np.abs(np.sin(echoes.azimuth))
     speed = 0.283 / np.maximum(cos, 0.2)

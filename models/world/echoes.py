@@ -35,6 +35,8 @@ class Beam:
         Range at which a target of ``RCS_FLOOR`` on boresight has an SNR of ``DETECTION_DB``, m.
     edge_loss_db:
         Two-way loss of gain at the edge of the field of view (parabolic in azimuth), dB.
+    outside_loss_db:
+        Further loss in the fringe, dB.
     """
 
     far: bool
@@ -44,10 +46,11 @@ class Beam:
     range_max: float
     reach: float
     edge_loss_db: float
+    outside_loss_db: float
 
 
-NEAR = Beam(False, np.radians(60.0), np.radians(15.0), 0.5, 130.0, 83.0, 4.0)
-FAR = Beam(True, np.radians(9.0), np.radians(4.0), 10.0, 258.0, 160.0, 3.0)
+NEAR = Beam(False, np.radians(60.0), np.radians(15.0), 0.5, 129.7, 83.0, 8.0, 9.0)
+FAR = Beam(True, np.radians(9.0), np.radians(4.0), 10.0, 258.0, 160.0, 3.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,6 +90,8 @@ class Echoes:
         dBm², dB.
     shoulder:
         dB by which the strongest echo beside it (two cells or less) is stronger; 0 where none is.
+    shared:
+        Whether another direction was heard in the same range and Doppler bin.
     moving, crossing:
         As of the strongest reflector in the cell.
     """
@@ -97,6 +102,7 @@ class Echoes:
     rcs: Floats
     snr: Floats
     shoulder: Floats
+    shared: NDArray[np.bool_]
     moving: NDArray[np.bool_]
     crossing: NDArray[np.bool_]
 
@@ -112,7 +118,8 @@ def noise_db(beam: Beam, r: Floats, azimuth: Floats) -> Floats:
 
     SNR = RCS − 40 log10(r) + const − antenna loss; doubling r costs 12.04 dB.
     """
-    loss = beam.edge_loss_db * (azimuth / beam.half_width) ** 2
+    off = np.abs(azimuth) / beam.half_width
+    loss = beam.edge_loss_db * off**2 + beam.outside_loss_db * (off > 1)
     quiet = RCS_FLOOR - DETECTION_DB
     result: Floats = quiet + 40 * np.log10(np.maximum(r, 0.2) / beam.reach) + loss
     return result
@@ -122,7 +129,7 @@ def measure(points: Points, beam: Beam, sensor: RadarSensor, rng: np.random.Gene
     """Return what ``beam`` detects of ``points``, with the sensor's resolution and accuracy."""
     inside = np.abs(points.azimuth) < beam.half_width + beam.fringe
     inside &= (points.r > beam.range_min) & (points.r < beam.range_max)
-    cells, loudest = _resolve(points[inside], beam, sensor)
+    cells = _resolve(points[inside], beam, sensor)
     noise = noise_db(beam, cells.r, cells.azimuth)
     disturbed = cells.field + 10 ** (noise / 20) * _complex_normal(rng, len(cells.r))
     power = np.maximum(np.abs(disturbed) ** 2, 1e-12)
@@ -130,8 +137,8 @@ def measure(points: Points, beam: Beam, sensor: RadarSensor, rng: np.random.Gene
     snr = rcs - noise
     seen = (snr > DETECTION_DB) & (rcs > RCS_FLOOR - 0.25)
     cells, rcs, snr = cells[seen], rcs[seen], snr[seen]
-    keep, shoulder = _suppress(cells, rcs, beam)
-    cells, rcs, snr, shoulder = cells[keep], rcs[keep], snr[keep], shoulder[keep]
+    keep, shoulder, shared = _suppress(cells, rcs, beam)
+    cells, rcs, snr = cells[keep], rcs[keep], snr[keep]
     blur = 10 ** ((20.0 - snr) / 20)
     n = len(rcs)
     r = cells.r + 0.5 * sensor.range_std(cells.r) * np.hypot(0.5, blur) * rng.normal(size=n)
@@ -139,7 +146,9 @@ def measure(points: Points, beam: Beam, sensor: RadarSensor, rng: np.random.Gene
     azimuth = cells.azimuth + 0.5 * spread * np.hypot(0.5, blur) * rng.normal(size=n)
     speed = cells.speed + sensor.velocity_std * np.hypot(0.5, blur) * rng.normal(size=n)
     order = np.argsort(r, kind="stable")
-    return Echoes(r, azimuth, speed, rcs, snr, shoulder, cells.moving, cells.crossing)[order]
+    return Echoes(
+        r, azimuth, speed, rcs, snr, shoulder[keep], shared[keep], cells.moving, cells.crossing
+    )[order]
 
 
 def _complex_normal(rng: np.random.Generator, n: int) -> NDArray[np.complex128]:
@@ -149,19 +158,21 @@ def _complex_normal(rng: np.random.Generator, n: int) -> NDArray[np.complex128]:
     return result
 
 
-def _resolve(points: Points, beam: Beam, sensor: RadarSensor) -> tuple[Points, NDArray[np.intp]]:
+def _resolve(points: Points, beam: Beam, sensor: RadarSensor) -> Points:
     """Return one point a resolution cell: fields add up, the place is weighted by power."""
     where = np.full(len(points.r), 200.0 if beam.far else 20.0)
     width = sensor.azimuth_resolution(where, points.azimuth)
-    r = np.floor(points.r / float(sensor.range_resolution(where[:1])[0])).astype(np.int64)
-    v = np.floor(points.speed / float(sensor.velocity_resolution(where[:1])[0])).astype(np.int64)
-    a = np.floor(points.azimuth / width).astype(np.int64)
-    key = (r * 4096 + v + 2048) * 1024 + a + 512
+    bins = (
+        np.floor(points.r / float(sensor.range_resolution(where[:1])[0])),
+        np.floor(points.speed / float(sensor.velocity_resolution(where[:1])[0])) + 2048,
+        np.floor(points.azimuth / width) + 512,
+    )
+    key = (bins[0] * 4096 + bins[1]) * 1024 + bins[2]
     order = np.argsort(key, kind="stable")
     points, key = points[order], key[order]
     first = np.flatnonzero(np.append(True, key[1:] != key[:-1])) if len(key) else order
     if len(first) == 0:
-        return points, first
+        return points
     weight = np.abs(points.field) ** 2 + 1e-12
     total = np.add.reduceat(weight, first)
     r, az, v = (
@@ -173,16 +184,22 @@ def _resolve(points: Points, beam: Beam, sensor: RadarSensor) -> tuple[Points, N
     loudest = first.copy()
     by_weight = np.argsort(weight, kind="stable")
     loudest[group[by_weight]] = by_weight
-    return Points(r, az, v, field, points.moving[loudest], points.crossing[loudest]), loudest
+    return Points(r, az, v, field, points.moving[loudest], points.crossing[loudest])
 
 
-def _suppress(cells: Points, rcs: Floats, beam: Beam) -> tuple[NDArray[np.bool_], Floats]:
-    """Return which cells are local maxima, and how much stronger their neighbours are, dB."""
-    near = 1.0 if not beam.far else 2.5
-    gap = np.abs(cells.r[:, None] - cells.r)
-    beside = np.abs(cells.azimuth[:, None] - cells.azimuth) < np.radians(3.0)
-    beside &= np.abs(cells.speed[:, None] - cells.speed) < 0.4
+def _suppress(
+    cells: Points, rcs: Floats, beam: Beam
+) -> tuple[NDArray[np.bool_], Floats, NDArray[np.bool_]]:
+    """Return which cells are reported, their shoulders (dB), and which share a range-Doppler bin.
+
+    A bin gives one echo; a second one of another direction only where it is nearly as strong.
+    """
+    scale = 2.5 if beam.far else 1.0
+    gap = np.abs(cells.r[:, None] - cells.r) / scale
+    alike = np.abs(cells.speed[:, None] - cells.speed) < 0.14
+    apart = np.abs(cells.azimuth[:, None] - cells.azimuth) > np.radians(3.5)
     stronger = rcs[None] - rcs[:, None]
-    covered = beside & (gap < 0.75 * near) & (stronger > 0)
-    shoulder = np.where(beside & (gap < 1.5 * near), stronger, 0).max(axis=1, initial=0)
-    return ~covered.any(axis=1), shoulder
+    covered = alike & (gap < 0.75) & (stronger > np.where(apart, 3.0, 0.8))
+    shoulder = np.where(alike & ~apart & (gap < 1.5), stronger, 0).max(axis=1, initial=0)
+    shared = (alike & apart & (gap < 0.75)).any(axis=1)
+    return ~covered.any(axis=1), shoulder, shared

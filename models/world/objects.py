@@ -29,6 +29,7 @@ class Kind(IntEnum):
     RAIL = 11
     POST = 12
     GANTRY = 13
+    FENCE = 14
 
 
 VEHICLES = (Kind.CAR, Kind.VAN, Kind.TRUCK)

@@ -1,15 +1,14 @@
 """Point reflectors of the world: where on an object the radar's energy comes back from.
 
 An object is a handful of points with a mean radar cross section each. Their amplitudes fluctuate
-with the aspect: a share of the amplitude is steady, the rest is speckle, made of three waves in
-the direction from which the object is seen. So a point fades as the ego drives by (close to
-Swerling I where the steady share is small) and stays as it is while the ego stands.
+with the aspect: a share of the power is steady, the rest is speckle, made of three waves over the
+displacement between radar and object. So a point fades as the ego drives by (close to Swerling I
+where the steady share is small) and stays as it is while the ego stands.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,15 +27,13 @@ class Reflectors:
     owner:
         intp, index of the object that carries the point.
     x, y:
-        World coordinates, m.
-    vx, vy:
-        Velocity, m/s.
+        (N,) m, relative to the owner's centre and length axis, or placed in the world.
+    nx, ny:
+        Unit vector out of which the point is seen, in the same frame; zero: from all around.
     amplitude:
         Square root of the mean radar cross section in m².
     steady:
         Share of the power that does not fluctuate.
-    facing:
-        Direction out of which the point is seen, rad; NaN where it is seen from all around.
     waves:
         (N, 3, 2) wave vectors of the speckle, rad per metre of displacement.
     phases:
@@ -46,11 +43,10 @@ class Reflectors:
     owner: NDArray[np.intp]
     x: Floats
     y: Floats
-    vx: Floats
-    vy: Floats
+    nx: Floats
+    ny: Floats
     amplitude: Floats
     steady: Floats
-    facing: Floats
     waves: Floats
     phases: Floats
 
@@ -59,6 +55,21 @@ class Reflectors:
 
     def __getitem__(self, which: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Reflectors:
         return Reflectors(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    def placed(self, objects: Objects) -> Reflectors:
+        """Return the points in world coordinates; ``owner`` indexes ``objects``."""
+        cos, sin = np.cos(objects.heading)[self.owner], np.sin(objects.heading)[self.owner]
+        return Reflectors(
+            self.owner,
+            objects.x[self.owner] + self.x * cos - self.y * sin,
+            objects.y[self.owner] + self.x * sin + self.y * cos,
+            self.nx * cos - self.ny * sin,
+            self.nx * sin + self.ny * cos,
+            self.amplitude,
+            self.steady,
+            self.waves,
+            self.phases,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,95 +96,99 @@ class Texture:
 
 
 TEXTURES = {
-    Kind.CAR: Texture(2.0, 7.0, 1.1, 0.5, True),
-    Kind.VAN: Texture(5.0, 7.0, 1.2, 0.5, True),
-    Kind.TRUCK: Texture(9.0, 7.0, 1.6, 0.5, True),
-    Kind.PEDESTRIAN: Texture(-6.0, 2.0, 0.0, 0.3, False),
-    Kind.POLE: Texture(3.0, 5.0, 0.0, 0.8, False),
-    Kind.SIGN: Texture(7.0, 6.0, 0.0, 0.7, False),
-    Kind.TRAFFIC_LIGHT: Texture(4.0, 4.0, 0.0, 0.7, False),
-    Kind.TREE: Texture(-4.0, 6.0, 2.5, 0.1, False),
-    Kind.BUSH: Texture(-7.0, 5.0, 1.5, 0.1, False),
-    Kind.BUILDING: Texture(0.0, 9.0, 2.2, 0.6, True),
-    Kind.WALL: Texture(-4.0, 7.0, 2.0, 0.6, True),
-    Kind.RAIL: Texture(0.0, 6.0, 2.0, 0.7, False),
-    Kind.POST: Texture(-3.0, 4.0, 0.0, 0.8, False),
-    Kind.GANTRY: Texture(14.0, 5.0, 0.0, 0.7, False),
+    Kind.CAR: Texture(4.0, 9.5, 1.0, 0.5, True),
+    Kind.VAN: Texture(7.0, 9.5, 1.2, 0.5, True),
+    Kind.TRUCK: Texture(10.0, 9.5, 1.4, 0.5, True),
+    Kind.PEDESTRIAN: Texture(-3.0, 5.5, 0.0, 0.3, False),
+    Kind.POLE: Texture(7.0, 8.5, 0.0, 0.8, False),
+    Kind.SIGN: Texture(9.0, 8.5, 0.0, 0.7, False),
+    Kind.TRAFFIC_LIGHT: Texture(8.0, 7.5, 0.0, 0.7, False),
+    Kind.TREE: Texture(-1.0, 9.5, 2.0, 0.2, False),
+    Kind.BUSH: Texture(-3.0, 8.5, 1.2, 0.2, False),
+    Kind.BUILDING: Texture(4.0, 11.5, 1.5, 0.6, True),
+    Kind.WALL: Texture(0.0, 9.5, 1.5, 0.6, True),
+    Kind.RAIL: Texture(3.0, 8.5, 1.3, 0.7, False),
+    Kind.POST: Texture(1.0, 8.5, 0.0, 0.8, False),
+    Kind.GANTRY: Texture(15.0, 8.5, 0.0, 0.7, False),
+    Kind.FENCE: Texture(1.0, 9.5, 1.3, 0.5, False),
 }
 
 
-def reflectors(objects: Objects) -> Reflectors:
-    """Return the points of all objects; an object's points depend on its ``look`` alone."""
-    owner, along, across, facing = _outline(objects)
-    count = np.bincount(owner, minlength=len(objects))
-    first = np.concatenate([[0], np.cumsum(count)[:-1]])
-    nth = np.arange(len(owner)) - np.repeat(first, count)
-    u = _hashed(objects.look[owner], nth)
-    kind = objects.kind[owner]
-    mean, spread, steady = (
-        np.array([getattr(TEXTURES[k], name) for k in Kind])[kind]
-        for name in ("mean", "spread", "steady")
-    )
+def reflectors(
+    kind: NDArray[np.uint8], length: Floats, width: Floats, look: NDArray[np.uint32]
+) -> Reflectors:
+    """Return the points of N objects, in each one's own frame, sorted by owner.
+
+    The points of an object depend on these four values of its own alone.
+    """
+    owner, x, y, nx, ny = _outline(kind, length, width)
+    count = np.bincount(owner, minlength=len(kind))
+    nth = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    u = _hashed(look[owner], nth)
+    mean, spread, steady = (_by_kind(name)[kind[owner]] for name in ("mean", "spread", "steady"))
     normal = np.sqrt(-2 * np.log1p(-u[:, 0])) * np.cos(2 * np.pi * u[:, 1])
-    cos, sin = np.cos(objects.heading[owner]), np.sin(objects.heading[owner])
     turn = 2 * np.pi * u[:, 2 : 2 + _WAVES]
     size = 2 * np.pi * (0.3 + 2.2 * u[:, 5 : 5 + _WAVES])
     return Reflectors(
         owner,
-        objects.x[owner] + along * cos - across * sin,
-        objects.y[owner] + along * sin + across * cos,
-        objects.vx[owner],
-        objects.vy[owner],
+        x,
+        y,
+        nx,
+        ny,
         10 ** ((mean + spread * normal) / 20),
         steady,
-        facing + objects.heading[owner],
         np.stack([size * np.cos(turn), size * np.sin(turn)], axis=-1),
         2 * np.pi * u[:, 8 : 8 + _WAVES],
     )
 
 
-def _outline(objects: Objects) -> tuple[NDArray[np.intp], Floats, Floats, Floats]:
-    """Return owner, position along and across it (m), and facing (rad from its length axis)."""
-    spacing = np.array([TEXTURES[k].spacing for k in Kind])[objects.kind]
-    faced = np.array([TEXTURES[k].faced for k in Kind])[objects.kind]
-    parts = []
-    single = np.flatnonzero(spacing == 0)
+def join(one: Reflectors, other: Reflectors) -> Reflectors:
+    """Return the points of both, in order."""
+    return Reflectors(
+        *(np.concatenate([getattr(one, f.name), getattr(other, f.name)]) for f in fields(one))
+    )
+
+
+def _by_kind(name: str) -> Floats:
+    """Return one attribute of ``TEXTURES`` as a table over kinds."""
+    return np.array([float(getattr(TEXTURES[kind], name)) for kind in Kind])
+
+
+def _outline(
+    kind: NDArray[np.uint8], length: Floats, width: Floats
+) -> tuple[NDArray[np.intp], Floats, Floats, Floats, Floats]:
+    """Return owner, place (m) and outward normal of the points of N objects, sorted by owner."""
+    spacing, faced = _by_kind("spacing")[kind], _by_kind("faced")[kind]
+    single, several = np.flatnonzero(spacing == 0), np.flatnonzero(spacing > 0)
     zero = np.zeros(len(single))
-    parts.append((single, zero, zero, np.full(len(single), np.nan)))
-    several = np.flatnonzero(spacing > 0)
-    for facing in (0.0, np.pi / 2, np.pi, -np.pi / 2):
-        lengthwise = facing in (np.pi / 2, -np.pi / 2)
-        extent = (objects.length if lengthwise else objects.width)[several]
-        half = (objects.width if lengthwise else objects.length)[several] / 2
-        points = np.maximum(np.rint(extent / spacing[several]).astype(int), 1)
+    parts = [(single, zero, zero, zero, zero)]
+    for nx, ny in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
+        side, depth = (width, length) if nx else (length, width)
+        points = np.maximum(np.rint(side[several] / spacing[several]).astype(int), 1)
         owner = np.repeat(several, points)
-        first = np.concatenate([[0], np.cumsum(points)[:-1]])
-        nth = np.arange(len(owner)) - np.repeat(first, points)
-        place = ((nth + 0.5) / np.repeat(points, points) - 0.5) * np.repeat(extent, points)
-        out = np.repeat(half, points) * (1.0 if facing in (0.0, np.pi / 2) else -1.0)
-        pair = (place, out) if lengthwise else (out, place)
-        parts.append((owner, *pair, np.where(faced[owner], facing, np.nan)))
-    owner, along, across, facing = (np.concatenate(column) for column in zip(*parts, strict=True))
+        nth = np.arange(len(owner)) - np.repeat(np.cumsum(points) - points, points)
+        place = ((nth + 0.5) / np.repeat(points, points) - 0.5) * side[owner]
+        x = nx * depth[owner] / 2 + abs(ny) * place
+        y = ny * depth[owner] / 2 + abs(nx) * place
+        parts.append((owner, x, y, nx * faced[owner], ny * faced[owner]))
+    owner, x, y, along, across = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.argsort(owner, kind="stable")
-    return owner[order], along[order], across[order], facing[order]
-
-
-@lru_cache(maxsize=1)
-def _odd() -> NDArray[np.uint64]:
-    return np.random.Generator(np.random.Philox(key=1)).integers(
-        0, 2**63, 8 + _WAVES, np.uint64
-    ) | np.uint64(1)
+    return owner[order], x[order], y[order], along[order], across[order]
 
 
 def _hashed(look: NDArray[np.uint32], nth: NDArray[np.intp]) -> Floats:
-    """Return (N, 11) numbers uniform on [0, 1) that depend on ``look`` and ``nth`` alone."""
+    """Return (N, 11) numbers uniform on [0, 1) that depend on ``look`` and ``nth`` alone.
+
+    Multiply and xor-shift, after the finaliser of SplitMix64 (Steele, Lea, Flood, "Fast
+    splittable pseudorandom number generators", OOPSLA 2014).
+    """
+    gamma = np.uint64(0x9E3779B97F4A7C15)
     with np.errstate(over="ignore"):
-        state = look.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
-        state += (nth.astype(np.uint64) + np.uint64(1)) * np.uint64(0xBF58476D1CE4E5B9)
+        start = (look.astype(np.uint64) << np.uint64(16)) + nth.astype(np.uint64)
+        state = start[:, None] * np.uint64(8 + _WAVES) + np.arange(8 + _WAVES, dtype=np.uint64)
+        state = (state + np.uint64(1)) * gamma
+        state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
         state ^= state >> np.uint64(31)
-        many = state[:, None] * _odd()
-        many ^= many >> np.uint64(29)
-        many *= np.uint64(0x94D049BB133111EB)
-        many ^= many >> np.uint64(32)
-    result: Floats = (many >> np.uint64(11)) * 2.0**-53
+    result: Floats = (state >> np.uint64(11)) * 2.0**-53
     return result

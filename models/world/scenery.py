@@ -82,6 +82,7 @@ def _side(rng: np.random.Generator, route: Route, end: float, side: float) -> li
         return objects[keep]
 
     kerb = PARKING + PAVEMENT
+    fullness = rng.uniform(0.5, 1.2)
     town, open_land = (Land.CITY,), (Land.COUNTRY, Land.MOTORWAY)
     parked = put(Kind.CAR, town, 6.5, (1.0, 1.3), clear=10.0, jitter=0.1)
     vans = put(Kind.VAN, town, 70.0, (1.1, 1.3), clear=10.0)
@@ -92,7 +93,11 @@ def _side(rng: np.random.Generator, route: Route, end: float, side: float) -> li
         put(Kind.POLE, town, 30.0, (PARKING + 0.4, PARKING + 0.7), jitter=0.1),
         put(Kind.SIGN, town, 45.0, (PARKING + 0.4, PARKING + 0.9)),
         put(Kind.TREE, town, 25.0, (PARKING + 0.6, PARKING + 1.0)),
-        put(Kind.POST, town, 14.0, (PARKING + 0.3, kerb - 0.3)),
+        put(Kind.POST, town, 10.0 / fullness, (PARKING + 0.3, kerb - 0.3)),
+        put(Kind.BUSH, town, 6.0 / fullness, (kerb, kerb + 25.0)),
+        put(Kind.CAR, town, 10.0 / fullness, (kerb + 6.0, kerb + 35.0)),
+        put(Kind.POLE, town, 18.0 / fullness, (kerb + 1.0, kerb + 35.0)),
+        _fences(rng, route, end, side),
         put(Kind.POST, (Land.COUNTRY,), 50.0, (1.2, 1.3), jitter=0.0),
         put(Kind.SIGN, open_land, 160.0, (2.0, 3.0)),
         put(Kind.POLE, (Land.COUNTRY,), 55.0, (5.0, 7.0), jitter=0.1),
@@ -136,7 +141,7 @@ def _buildings(rng: np.random.Generator, route: Route, end: float, side: float) 
     gap = np.where(rng.random(count) < 0.4, rng.uniform(1, 18, count), 0.3)
     s = np.cumsum(length + gap) - length / 2
     depth = rng.uniform(8, 16, count)
-    setback = PARKING + PAVEMENT + np.where(rng.random(count) < 0.5, 0, rng.uniform(1, 12, count))
+    setback = PARKING + PAVEMENT + np.where(rng.random(count) < 0.4, 0, rng.uniform(1, 30, count))
     d = route.lookup(route.outer, s) + setback + depth / 2
     height = rng.uniform(5, 22, count)
     objects = stand(rng, route, Kind.BUILDING, s, side * d, (length, depth, height))
@@ -145,6 +150,20 @@ def _buildings(rng: np.random.Generator, route: Route, end: float, side: float) 
         keep &= np.abs(s[:, None] - route.junctions).min(axis=1) - length / 2 > SIDE_STREET
     bends = route.lookup(np.abs(route.curvature), s)
     return objects[keep & (bends < 0.01)]
+
+
+def _fences(rng: np.random.Generator, route: Route, end: float, side: float) -> Objects:
+    """Return fences and low walls along the pavements of towns, by stretches."""
+    s = np.arange(0, end, _RAIL_PIECE)
+    stretch = (s / 30).astype(int)
+    keep = rng.random(int(end / 30) + 2)[stretch] < 0.4
+    keep &= route.land[route.index(s)] == Land.CITY
+    if len(route.junctions):
+        keep &= np.abs(s[:, None] - route.junctions).min(axis=1) > SIDE_STREET + 2
+    away = rng.uniform(0.2, 5.0, int(end / 30) + 2)[stretch[keep]]
+    d = route.lookup(route.outer, s[keep]) + PARKING + PAVEMENT + away
+    height = rng.uniform(0.8, 1.8, int(end / 30) + 2)[stretch[keep]]
+    return stand(rng, route, Kind.FENCE, s[keep], side * d, (_RAIL_PIECE, 0.1, height))
 
 
 def _rails(rng: np.random.Generator, route: Route, end: float, side: float) -> Objects:

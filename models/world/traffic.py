@@ -160,7 +160,7 @@ def _land(route: Route, s: Floats) -> NDArray[np.uint8]:
 
 def _oncoming(rng: np.random.Generator, route: Route, drive: Drive, duration: float) -> Tracks:
     """Return oncoming vehicles by when they meet the ego; thinner where the road is quieter."""
-    t0 = _times(rng, duration, 2.0)
+    t0 = _times(rng, duration, 1.5)
     s0 = drive.at(t0)[0]
     land = _land(route, s0)
     keep = rng.random(len(t0)) < np.array([0.6, 0.4, 1.0])[land]
@@ -217,7 +217,7 @@ def _pedestrians(rng: np.random.Generator, route: Route, drive: Drive, duration:
 
 def _at_light(rng: np.random.Generator, route: Route, stop: Stop) -> Tracks:
     """Return side traffic and people who cross before the standing ego."""
-    cars = stop.start + np.cumsum(rng.exponential(3.0, 12))
+    cars = stop.start + np.cumsum(rng.exponential(2.0, 12))
     cars = cars[cars < stop.end - 2]
     walkers = rng.uniform(stop.start + 1, max(stop.end - 4, stop.start + 2), rng.integers(0, 5))
     kind = np.concatenate([_kinds(rng, len(cars)), np.full(len(walkers), Kind.PEDESTRIAN)])

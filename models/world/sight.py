@@ -1,0 +1,123 @@
+"""What the radar's wave meets on its way: geometry, speckle and shadows of one moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.world.echoes import Points
+from models.world.objects import Floats, Kind, Objects
+from models.world.reflectors import Reflectors
+
+WAVE_NUMBER = 2 * np.pi / 0.0039
+"""Of 77 GHz, rad/m."""
+
+_SPAN = np.radians(76.0)
+_RAYS = 304
+_SOLID = np.isin(np.arange(len(Kind)), (Kind.BUILDING, Kind.WALL))
+_BODY = np.isin(np.arange(len(Kind)), (Kind.CAR, Kind.VAN, Kind.TRUCK))
+_BEHIND_SOLID, _BEHIND_BODY = 0.2, 0.5
+_DEPTH = 0.7
+_CLOSE_M = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Antenna:
+    """Where the radar is and how it moves.
+
+    Attributes
+    ----------
+    x, y, heading:
+        World coordinates, m, rad.
+    ahead, left:
+        Its own velocity along and across its axis, m/s.
+    yaw_rate:
+        rad/s.
+    """
+
+    x: float
+    y: float
+    heading: float
+    ahead: float
+    left: float
+    yaw_rate: float
+
+    def to_sensor(self, dx: Floats, dy: Floats) -> tuple[Floats, Floats]:
+        """Return world vectors in the sensor's axes (ahead, left)."""
+        cos, sin = np.cos(self.heading), np.sin(self.heading)
+        return dx * cos + dy * sin, dy * cos - dx * sin
+
+
+def look(antenna: Antenna, reflectors: Reflectors, objects: Objects) -> Points:
+    """Return what every reflector in sight sends back; ``reflectors`` are placed in the world."""
+    ahead, left = antenna.to_sensor(reflectors.x - antenna.x, reflectors.y - antenna.y)
+    r = np.hypot(ahead, left)
+    dx, dy = reflectors.x - antenna.x, reflectors.y - antenna.y
+    facing = -(dx * reflectors.nx + dy * reflectors.ny) / np.maximum(r, 0.1)
+    free = (reflectors.nx == 0) & (reflectors.ny == 0)
+    facing[free] = 1.0
+    seen = np.flatnonzero(
+        (np.abs(left) < np.tan(np.radians(75.0)) * ahead) & (r < 260) & (r > 0.3) & (facing > -0.1)
+    )
+    reflectors, ahead, left, r, dx, dy, facing = (
+        value[seen] for value in (reflectors, ahead, left, r, dx, dy, facing)
+    )
+    azimuth = np.arctan2(left, ahead)
+    field = reflectors.amplitude * _speckle(reflectors, dx, dy)
+    field *= (r**2 / (r**2 + _CLOSE_M**2)) ** 0.75
+    field *= np.sqrt(np.minimum(facing + 0.1, 1.0)) * _shadow(antenna, objects, r, azimuth)
+    vx, vy = objects.vx[reflectors.owner], objects.vy[reflectors.owner]
+    over_ground = (vx * dx + vy * dy) / r
+    pace = np.hypot(vx, vy)
+    return Points(
+        r,
+        azimuth,
+        over_ground - (antenna.ahead * ahead + antenna.left * left) / r,
+        field * np.exp(-2j * WAVE_NUMBER * r),
+        pace > 0.3,
+        (pace > 0.3) & (np.abs(over_ground) < 0.7 * pace),
+    )
+
+
+def _speckle(points: Reflectors, dx: Floats, dy: Floats) -> NDArray[np.complex128]:
+    """Return the complex factor, of mean power 1, by which amplitudes vary with the aspect."""
+    turn = points.phases + points.waves[..., 0] * dx[:, None] + points.waves[..., 1] * dy[:, None]
+    waves = np.exp(1j * turn).sum(axis=1) / np.sqrt(turn.shape[1])
+    result: NDArray[np.complex128] = np.sqrt(points.steady) + np.sqrt(1 - points.steady) * waves
+    return result
+
+
+def _shadow(antenna: Antenna, objects: Objects, r: Floats, azimuth: Floats) -> Floats:
+    """Return the factor on the amplitude behind buildings and, half let through, vehicles."""
+    ray = np.clip(np.rint((azimuth + _SPAN) / (2 * _SPAN) * (_RAYS - 1)), 0, _RAYS - 1)
+    index = ray.astype(np.intp)
+    loss = np.where(
+        r > _first_hit(antenna, objects[_SOLID[objects.kind]])[index] + _DEPTH, _BEHIND_SOLID, 1.0
+    )
+    bodies = objects[_BODY[objects.kind]]
+    return loss * np.where(r > _first_hit(antenna, bodies)[index] + _DEPTH, _BEHIND_BODY, 1.0)
+
+
+def _first_hit(antenna: Antenna, boxes: Objects) -> Floats:
+    """Return the range at which each ray of the fan first meets a box, (rays,) m; inf: never.
+
+    The slab method (Kay, Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986) in the box's frame.
+    """
+    fan = antenna.heading + np.linspace(-_SPAN, _SPAN, _RAYS)
+    turn = fan - boxes.heading[:, None]
+    cos, sin = np.cos(boxes.heading), np.sin(boxes.heading)
+    dx, dy = antenna.x - boxes.x, antenna.y - boxes.y
+    entry, leave = np.full(turn.shape, 0.0), np.full(turn.shape, np.inf)
+    for start, step, half in (
+        (dx * cos + dy * sin, np.cos(turn), boxes.length / 2),
+        (dy * cos - dx * sin, np.sin(turn), boxes.width / 2),
+    ):
+        inverse = 1 / np.where(np.abs(step) < 1e-9, 1e-9, step)
+        one, two = (-half - start)[:, None] * inverse, (half - start)[:, None] * inverse
+        entry = np.maximum(entry, np.minimum(one, two))
+        leave = np.minimum(leave, np.maximum(one, two))
+    hit = np.where(entry < leave, entry, np.inf)
+    result: Floats = hit.min(axis=0, initial=np.inf)
+    return result
