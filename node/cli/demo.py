@@ -7,11 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-DURATION_S = 20.0
-
 SCENE: dict[str, Any] = {
     "name": "demo",
-    "duration_s": DURATION_S,
     "sensors": [
         {"name": "camera", "type": "camera", "source": "world"},
         {"name": "radar", "type": "radar", "source": "world"},
@@ -42,15 +39,17 @@ def demo(
         Path, typer.Option(help="PNG file for injected and estimated levels.", metavar="FILE")
     ] = Path("out/demo.png"),
     fast: Annotated[bool, typer.Option("--fast", help="As fast as possible.")] = False,
+    duration: Annotated[float, typer.Option(help="Simulated seconds.", metavar="S")] = 20.0,
     seed: Annotated[int, typer.Option(help="Seed of the world and the injections.")] = 1,
     json: Annotated[bool, typer.Option("--json", help="One JSON object a level.")] = False,
 ) -> None:
-    """Show murk at work on its simulated world, for twenty seconds."""
+    """Show murk at work on its simulated world, degraded on a schedule."""
     from node.cli.run import execute
     from node.scene import check_scene
 
     content = SCENE | {
         "seed": seed,
+        "duration_s": duration,
         "clock": {"fast": fast},
         "outputs": {"picture": picture},
     }
