@@ -15,8 +15,6 @@ noise    additive Gaussian noise per channel    σ = 100 counts (``std_max``)
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from statistics import NormalDist
 from typing import Literal
 
 import cv2
@@ -26,6 +24,7 @@ from numpy.typing import NDArray
 from dbc.errors import InputError
 from models.degrade.checks import check_level, check_within
 from models.degrade.draw import DrawKey
+from models.degrade.pointwise import normal_quantiles, strips
 
 Image = NDArray[np.uint8]
 Method = Literal["fast", "exact", "published"]
@@ -36,8 +35,6 @@ _HALVE_FROM = 11
 """Kernel size from which the fast blur works on the image halved: below, the kernel is as fast."""
 
 _TABLES = 16
-_MAX_STRIP = 2**18
-_BANK = 2**22
 _BINOMIAL = np.array([0.25, 0.5, 0.25])
 
 
@@ -205,47 +202,13 @@ def _expose(exposure: Exposure, image: Image) -> Image:
 
 
 def _add_fast_noise(noise: Noise, image: Image) -> Image:
-    """Add random bytes, mapped to normal quantiles, strip by strip.
-
-    A strip's bytes are the sum modulo 256 of two banks of random bytes, each from a place of its
-    own: independent of either bank, so that nothing repeats unless both places do. One byte gives
-    256 quantiles only; each strip has a table of its own, shifted by a fraction of a quantile, so
-    that a whole image takes ``_TABLES`` × 256 of them.
-    """
     flat = np.ascontiguousarray(image).reshape(1, -1)
     noisy = np.empty_like(flat)
-    length = min(-(-flat.size // _TABLES), _MAX_STRIP)
-    starts = range(0, flat.size, length)
-    generator = np.random.SFC64(noise.seed)
-    places = generator.random_raw((len(starts), 2)) % np.uint64(_BANK - length)
-    shuffled = np.argsort(generator.random_raw(_TABLES), kind="stable")
-    tables = np.rint(_quantiles()[shuffled] * noise.std).astype(np.int16)
-    first, second = _banks()
-    for strip, (start, (one, other)) in enumerate(zip(starts, places.tolist(), strict=True)):
-        part = np.s_[:, start : start + length]
-        size = flat[part].size
-        random = first[None, one : one + size] + second[None, other : other + size]
-        values = cv2.LUT(random, tables[strip % _TABLES])
-        cv2.add(flat[part], values, dst=noisy[part], dtype=cv2.CV_8U)
+    tables = np.rint(normal_quantiles(_TABLES) * noise.std).astype(np.int16)
+    for part, random, table in strips(noise.seed, flat.size, _TABLES):
+        values = cv2.LUT(random, tables[table])
+        cv2.add(flat[:, part], values, dst=noisy[:, part], dtype=cv2.CV_8U)
     return np.asarray(noisy.reshape(image.shape), np.uint8)
-
-
-@cache
-def _banks() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return two banks of ``_BANK`` random bytes, the same in every run."""
-    first, second = (np.random.SFC64(seed).random_raw(_BANK // 8) for seed in (1, 2))
-    return first.view(np.uint8), second.view(np.uint8)
-
-
-@cache
-def _quantiles() -> NDArray[np.float64]:
-    """Return (_TABLES, 256) standard normal quantiles, each row symmetric about 0."""
-    normal = NormalDist()
-    half = [
-        [normal.inv_cdf((k + (row + 0.5) / _TABLES) / 256) for k in range(128)]
-        for row in range(_TABLES)
-    ]
-    return np.hstack([half, -np.array(half)])
 
 
 def _add_drawn_noise(noise: Noise, image: Image) -> Image:

@@ -1,0 +1,92 @@
+"""Fast randomness for images: fresh random bytes, mapped to any distribution by tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from statistics import NormalDist
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Bytes = NDArray[np.uint8]
+
+_STRIPS = 16
+_MAX_STRIP = 2**18
+_BANK = 2**22
+
+
+def strips(seed: int, size: int, tables: int) -> Iterator[tuple[slice, Bytes, int]]:
+    """Yield the parts of ``size`` samples, random bytes for each, and the table that it takes.
+
+    A strip's bytes are the sum modulo 256 of two banks of random bytes, each from a place of its
+    own: independent of either bank, so that nothing repeats unless both places do.
+
+    Yields
+    ------
+    The strip's place, its (1, n) random bytes, and a number below ``tables``; the tables come in
+    shuffled order, each as often as the others.
+    """
+    length = min(-(-size // _STRIPS), _MAX_STRIP)
+    starts = range(0, size, length)
+    generator = np.random.SFC64(seed)
+    places = generator.random_raw((len(starts), 2)) % np.uint64(_BANK - length)
+    order = np.argsort(generator.random_raw(tables), kind="stable").tolist()
+    first, second = _banks()
+    for strip, (start, (one, other)) in enumerate(zip(starts, places.tolist(), strict=True)):
+        n = min(length, size - start)
+        random = first[None, one : one + n] + second[None, other : other + n]
+        yield slice(start, start + n), random, order[strip % tables]
+
+
+@cache
+def _banks() -> tuple[Bytes, Bytes]:
+    """Return two banks of ``_BANK`` random bytes, the same in every run."""
+    first, second = (np.random.SFC64(seed).random_raw(_BANK // 8) for seed in (1, 2))
+    return first.view(np.uint8), second.view(np.uint8)
+
+
+@cache
+def normal_quantiles(tables: int) -> NDArray[np.float64]:
+    """Return (tables, 256) standard normal quantiles by random byte.
+
+    One byte gives 256 quantiles only. Each table is shifted by a fraction of a quantile, so that
+    an image whose strips take different tables has ``tables`` × 256 of them. Each is symmetric
+    about 0.
+    """
+    normal = NormalDist()
+    half = [
+        [normal.inv_cdf((k + (row + 0.5) / tables) / 256) for k in range(128)]
+        for row in range(tables)
+    ]
+    return np.hstack([half, -np.array(half)])
+
+
+def add_noise(
+    image: Bytes, std_by_value: NDArray[np.float64], mean: NDArray[np.float64], seed: int
+) -> Bytes:
+    """Return ``mean[value] + N(0, std_by_value[value])`` for each sample, rounded and clipped.
+
+    Parameters
+    ----------
+    image:
+        Any shape, uint8.
+    std_by_value, mean:
+        (256,), counts: standard deviation and new value for each old value.
+    seed:
+        Of the random bytes.
+    """
+    quantiles = normal_quantiles(4).astype(np.float32)
+    spread = std_by_value.astype(np.float32)[:, None]
+    tables = []
+    for row in quantiles:
+        values = mean[:, None] + spread * row
+        np.rint(values, out=values)
+        tables.append(np.clip(values, 0, 255).astype(np.uint8).reshape(1, -1))
+    flat = np.ascontiguousarray(image).reshape(1, -1)
+    noisy = np.empty_like(flat)
+    for part, random, table in strips(seed, flat.size, len(tables)):
+        pairs = cv2.merge([random, flat[:, part]]).view("<u2").reshape(1, -1)
+        noisy[:, part] = cv2.LUT(pairs, tables[table])
+    return noisy.reshape(image.shape)
