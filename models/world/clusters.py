@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.sensor import ARS408
-from models.world.echoes import Beam, Echoes
+from models.world.echoes import Beam, Echoes, Motion
 from models.world.objects import Floats
 from models.world.sight import Antenna
 
-_MOVING, _STATIONARY, _ONCOMING, _CANDIDATE, _UNKNOWN, _CROSSING = 0, 1, 2, 3, 4, 6
+_MOVING, _STATIONARY, _ONCOMING, _CANDIDATE, _UNKNOWN = 0, 1, 2, 3, 4
+_CROSSING_SLOWLY, _CROSSING, _STOPPED = 5, 6, 7
 
 QUALITY = ("x_rms", "y_rms", "vx_rms", "vy_rms", "pdh0", "ambig_state", "invalid_state")
 """Fields that come with the quality frames."""
@@ -43,11 +44,11 @@ def describe(
         Draws the flags.
     """
     outside = np.abs(echoes.azimuth) > beam.half_width
-    dyn = _dyn_prop(echoes, outside, rng)
+    dyn = _dyn_prop(echoes, antenna, outside, rng)
     invalid, pdh0 = _validity(echoes, beam, outside, rng)
     cos, sin = np.cos(echoes.azimuth), np.sin(echoes.azimuth)
     x, y = echoes.r * cos, echoes.r * sin
-    standing = np.isin(dyn, (_STATIONARY, _CANDIDATE))
+    standing = np.isin(dyn, (_STATIONARY, _CANDIDATE, _CROSSING_SLOWLY, _STOPPED))
     vy = np.where(standing, -antenna.left - antenna.yaw_rate * x, 0.0)
     vx = (echoes.speed - vy * sin) / np.maximum(cos, 0.1)
     known = ~outside
@@ -69,15 +70,19 @@ def describe(
 
 
 def _dyn_prop(
-    echoes: Echoes, outside: NDArray[np.bool_], rng: np.random.Generator
+    echoes: Echoes, antenna: Antenna, outside: NDArray[np.bool_], rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     """Return DynProp; what stands is first a candidate, the longer the farther and fainter."""
     n = len(echoes)
     doubt = 0.0075 * np.minimum(echoes.r, 85) - 0.016 * (echoes.rcs - 4)
     dyn = np.where(rng.random(n) < doubt, _CANDIDATE, _STATIONARY)
-    dyn[echoes.moving] = _MOVING
-    dyn[echoes.moving & (echoes.speed < -1)] = _ONCOMING
-    dyn[echoes.crossing & (echoes.r < 36)] = _CROSSING
+    cos, sin = np.cos(echoes.azimuth), np.sin(echoes.azimuth)
+    over_ground = echoes.speed + antenna.ahead * cos + antenna.left * sin
+    moving = (echoes.motion == Motion.MOVING) | (echoes.motion == Motion.CROSSING)
+    dyn[moving] = np.where(over_ground[moving] < 0, _ONCOMING, _MOVING)
+    crossing = (echoes.motion == Motion.CROSSING) & (echoes.r < 36)
+    dyn[crossing] = np.where(np.abs(over_ground[crossing]) < 0.2, _CROSSING_SLOWLY, _CROSSING)
+    dyn[echoes.motion == Motion.STOPPED] = _STOPPED
     dyn[outside] = _UNKNOWN
     return dyn.astype(np.uint8)
 

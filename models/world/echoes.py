@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,18 @@ DETECTION_DB = 13.0
 
 RCS_FLOOR = -5.0
 """The sensor reports nothing weaker, dBm²."""
+
+_WOBBLE = 0.035
+"""Scale of the radial motion of what stands (leaves, wires) and of Doppler errors, m/s."""
+
+
+class Motion(IntEnum):
+    """How a reflector moves over ground."""
+
+    STANDING = 0
+    MOVING = 1
+    CROSSING = 2
+    STOPPED = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +62,7 @@ class Beam:
     outside_loss_db: float
 
 
-NEAR = Beam(False, np.radians(60.0), np.radians(15.0), 0.5, 129.7, 83.0, 8.0, 9.0)
+NEAR = Beam(False, np.radians(60.0), np.radians(15.0), 0.5, 129.7, 83.0, 10.0, 15.0)
 FAR = Beam(True, np.radians(9.0), np.radians(4.0), 10.0, 258.0, 160.0, 3.0, 0.0)
 
 
@@ -63,16 +76,15 @@ class Points:
         m, rad, m/s (radial, approaching negative).
     field:
         complex128, square root of the radar cross section in m², with phase.
-    moving, crossing:
-        Whether the reflector moves over ground, and whether mostly across the line of sight.
+    motion:
+        uint8, ``Motion`` over ground.
     """
 
     r: Floats
     azimuth: Floats
     speed: Floats
     field: NDArray[np.complex128]
-    moving: NDArray[np.bool_]
-    crossing: NDArray[np.bool_]
+    motion: NDArray[np.uint8]
 
     def __getitem__(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> Points:
         return Points(*(getattr(self, field.name)[which] for field in fields(self)))
@@ -92,7 +104,7 @@ class Echoes:
         dB by which the strongest echo beside it (two cells or less) is stronger; 0 where none is.
     shared:
         Whether another direction was heard in the same range and Doppler bin.
-    moving, crossing:
+    motion:
         As of the strongest reflector in the cell.
     """
 
@@ -103,8 +115,7 @@ class Echoes:
     snr: Floats
     shoulder: Floats
     shared: NDArray[np.bool_]
-    moving: NDArray[np.bool_]
-    crossing: NDArray[np.bool_]
+    motion: NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.r)
@@ -135,7 +146,8 @@ def measure(points: Points, beam: Beam, sensor: RadarSensor, rng: np.random.Gene
     power = np.maximum(np.abs(disturbed) ** 2, 1e-12)
     rcs = 10 * np.log10(power)
     snr = rcs - noise
-    seen = (snr > DETECTION_DB) & (rcs > RCS_FLOOR - 0.25)
+    floor = RCS_FLOOR - 0.25 + rng.exponential(0.6, len(rcs))
+    seen = (snr > DETECTION_DB) & (rcs > floor)
     cells, rcs, snr = cells[seen], rcs[seen], snr[seen]
     keep, shoulder, shared = _suppress(cells, rcs, beam)
     cells, rcs, snr = cells[keep], rcs[keep], snr[keep]
@@ -143,12 +155,11 @@ def measure(points: Points, beam: Beam, sensor: RadarSensor, rng: np.random.Gene
     n = len(rcs)
     r = cells.r + 0.5 * sensor.range_std(cells.r) * np.hypot(0.5, blur) * rng.normal(size=n)
     spread = sensor.azimuth_std(np.full(n, 200.0 if beam.far else 20.0), cells.azimuth)
-    azimuth = cells.azimuth + 0.5 * spread * np.hypot(0.5, blur) * rng.normal(size=n)
-    speed = cells.speed + sensor.velocity_std * np.hypot(0.5, blur) * rng.normal(size=n)
+    azimuth = cells.azimuth + 0.3 * spread * np.hypot(0.5, blur) * rng.normal(size=n)
+    wobble = _WOBBLE * rng.standard_t(3, n)
+    speed = cells.speed + sensor.velocity_std * blur * rng.normal(size=n) + wobble
     order = np.argsort(r, kind="stable")
-    return Echoes(
-        r, azimuth, speed, rcs, snr, shoulder[keep], shared[keep], cells.moving, cells.crossing
-    )[order]
+    return Echoes(r, azimuth, speed, rcs, snr, shoulder[keep], shared[keep], cells.motion)[order]
 
 
 def _complex_normal(rng: np.random.Generator, n: int) -> NDArray[np.complex128]:
@@ -184,7 +195,7 @@ def _resolve(points: Points, beam: Beam, sensor: RadarSensor) -> Points:
     loudest = first.copy()
     by_weight = np.argsort(weight, kind="stable")
     loudest[group[by_weight]] = by_weight
-    return Points(r, az, v, field, points.moving[loudest], points.crossing[loudest])
+    return Points(r, az, v, field, points.motion[loudest])
 
 
 def _suppress(

@@ -138,7 +138,7 @@ class WorldRadar:
         mobile = _of_owners(self._mobile, track).placed(moving)
         mobile = replace(mobile, owner=mobile.owner + here.stop - here.start)
         objects = concatenate([self.world.scenery[here], moving])
-        return look(self.antenna(t_s), join(standing, mobile), objects)
+        return look(self.antenna(t_s), join(standing, mobile), objects, here.stop - here.start)
 
 
 def _of_owners(points: Reflectors, owners: NDArray[np.intp]) -> Reflectors:

@@ -127,6 +127,7 @@ def reflectors(
     u = _hashed(look[owner], nth)
     mean, spread, steady = (_by_kind(name)[kind[owner]] for name in ("mean", "spread", "steady"))
     normal = np.sqrt(-2 * np.log1p(-u[:, 0])) * np.cos(2 * np.pi * u[:, 1])
+    normal = np.where(normal > 1, normal + 0.35 * (normal - 1), normal)
     turn = 2 * np.pi * u[:, 2 : 2 + _WAVES]
     size = 2 * np.pi * (0.3 + 2.2 * u[:, 5 : 5 + _WAVES])
     return Reflectors(

@@ -31,7 +31,6 @@ SPEED = np.array([12.5, 23.0, 30.0])
 _SECTION = {Land.CITY: (350, 1100), Land.COUNTRY: (400, 1000), Land.MOTORWAY: (700, 2000)}
 _RADIUS = {Land.CITY: (60, 350), Land.COUNTRY: (130, 700), Land.MOTORWAY: (800, 4000)}
 _INNER = np.array([0.0, 0.0, 1.5])
-_LANES = np.array([1.0, 1.0, 2.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +92,7 @@ class Route:
 def lay(rng: np.random.Generator, length: float) -> Route:
     """Return a random road of at least ``length`` metres."""
     n = int(length / STEP) + 2
-    land = _sections(rng, n)
+    land, lanes = _sections(rng, n)
     junctions = _junctions(rng, land)
     curvature = _curvature(rng, land, junctions)
     heading = np.concatenate([[0.0], np.cumsum((curvature[1:] + curvature[:-1]) / 2 * STEP)])
@@ -106,7 +105,7 @@ def lay(rng: np.random.Generator, length: float) -> Route:
         curvature=curvature,
         land=land,
         inner=inner,
-        outer=inner + LANE * _smooth(_smooth(_LANES[land], 90), 60),
+        outer=inner + LANE * _smooth(_smooth(lanes, 90), 60),
         tunnel=_tunnels(rng, land),
         junctions=junctions,
     )
@@ -120,17 +119,19 @@ def _smooth(table: Floats, width: int) -> Floats:
     return result
 
 
-def _sections(rng: np.random.Generator, n: int) -> NDArray[np.uint8]:
-    """Return the land by table index: random sections, never the same kind twice running."""
-    land = np.empty(n, np.uint8)
+def _sections(rng: np.random.Generator, n: int) -> tuple[NDArray[np.uint8], Floats]:
+    """Return land and lanes a direction: random sections, never the same kind twice running."""
+    land, lanes = np.empty(n, np.uint8), np.empty(n)
     kind, start = Land(rng.choice(3, p=[0.6, 0.2, 0.2])), 0
     while start < n:
         end = start + int(rng.integers(*_SECTION[kind]) / STEP)
         land[start:end] = kind
+        wide = kind == Land.MOTORWAY or (kind == Land.CITY and rng.random() < 0.6)
+        lanes[start:end] = 2.0 if wide else 1.0
         others = [other for other in Land if other != kind]
         weights = np.array([3.0 if other == Land.CITY else 1.0 for other in others])
         kind, start = others[rng.choice(2, p=weights / weights.sum())], end
-    return land
+    return land, lanes
 
 
 def _junctions(rng: np.random.Generator, land: NDArray[np.uint8]) -> Floats:

@@ -82,7 +82,7 @@ def _side(rng: np.random.Generator, route: Route, end: float, side: float) -> li
         return objects[keep]
 
     kerb = PARKING + PAVEMENT
-    fullness = rng.uniform(0.5, 1.2)
+    fullness = rng.uniform(0.4, 1.1)
     town, open_land = (Land.CITY,), (Land.COUNTRY, Land.MOTORWAY)
     parked = put(Kind.CAR, town, 6.5, (1.0, 1.3), clear=10.0, jitter=0.1)
     vans = put(Kind.VAN, town, 70.0, (1.1, 1.3), clear=10.0)
@@ -94,9 +94,9 @@ def _side(rng: np.random.Generator, route: Route, end: float, side: float) -> li
         put(Kind.SIGN, town, 45.0, (PARKING + 0.4, PARKING + 0.9)),
         put(Kind.TREE, town, 25.0, (PARKING + 0.6, PARKING + 1.0)),
         put(Kind.POST, town, 10.0 / fullness, (PARKING + 0.3, kerb - 0.3)),
-        put(Kind.BUSH, town, 6.0 / fullness, (kerb, kerb + 25.0)),
-        put(Kind.CAR, town, 10.0 / fullness, (kerb + 6.0, kerb + 35.0)),
-        put(Kind.POLE, town, 18.0 / fullness, (kerb + 1.0, kerb + 35.0)),
+        put(Kind.BUSH, town, 6.0 / fullness, (kerb, kerb + 18.0)),
+        put(Kind.CAR, town, 10.0 / fullness, (kerb + 6.0, kerb + 22.0)),
+        put(Kind.POLE, town, 18.0 / fullness, (kerb + 1.0, kerb + 22.0)),
         _fences(rng, route, end, side),
         put(Kind.POST, (Land.COUNTRY,), 50.0, (1.2, 1.3), jitter=0.0),
         put(Kind.SIGN, open_land, 160.0, (2.0, 3.0)),

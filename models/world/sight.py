@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.world.echoes import Points
+from models.world.echoes import Motion, Points
 from models.world.objects import Floats, Kind, Objects
 from models.world.reflectors import Reflectors
 
@@ -50,8 +50,18 @@ class Antenna:
         return dx * cos + dy * sin, dy * cos - dx * sin
 
 
-def look(antenna: Antenna, reflectors: Reflectors, objects: Objects) -> Points:
-    """Return what every reflector in sight sends back; ``reflectors`` are placed in the world."""
+def look(antenna: Antenna, reflectors: Reflectors, objects: Objects, first_mobile: int) -> Points:
+    """Return what every reflector in sight sends back.
+
+    Parameters
+    ----------
+    antenna:
+        From where.
+    reflectors:
+        Placed in the world.
+    objects:
+        Their owners; from ``first_mobile`` on road users, before it what never moves.
+    """
     ahead, left = antenna.to_sensor(reflectors.x - antenna.x, reflectors.y - antenna.y)
     r = np.hypot(ahead, left)
     dx, dy = reflectors.x - antenna.x, reflectors.y - antenna.y
@@ -76,9 +86,16 @@ def look(antenna: Antenna, reflectors: Reflectors, objects: Objects) -> Points:
         azimuth,
         over_ground - (antenna.ahead * ahead + antenna.left * left) / r,
         field * np.exp(-2j * WAVE_NUMBER * r),
-        pace > 0.3,
-        (pace > 0.3) & (np.abs(over_ground) < 0.7 * pace),
+        _motion(pace, over_ground, reflectors.owner >= first_mobile),
     )
+
+
+def _motion(pace: Floats, over_ground: Floats, mobile: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return ``Motion`` by speed over ground and its share along the line of sight, m/s."""
+    motion = np.where(mobile, Motion.STOPPED, Motion.STANDING)
+    motion[pace > 0.3] = Motion.MOVING
+    motion[(pace > 0.3) & (np.abs(over_ground) < 0.7 * pace)] = Motion.CROSSING
+    return motion.astype(np.uint8)
 
 
 def _speckle(points: Reflectors, dx: Floats, dy: Floats) -> NDArray[np.complex128]:

@@ -33,6 +33,7 @@ class Tracks:
     vd: Floats
     with_ego: NDArray[np.bool_]
     headway: Floats
+    lane: Floats
     change: Floats
     length: Floats
     width: Floats
@@ -68,9 +69,13 @@ def move(tracks: Tracks, route: Route, drive: Drive, t_s: float) -> Objects:
     s[company] += place + sign * gap
     vs[company] += speed + sign * closing
     across, drift = _ramp(dt[company] - 3.0, 4.0)
-    d[company] = route.drive_offset(s[company]) + chosen.change[company] * (1 - across)
-    vd[company] = -chosen.change[company] * drift
+    room = route.lookup(route.outer, s) - route.lookup(route.inner, s) - LANE
+    aside = chosen.lane[company] * room[company]
+    other = chosen.change[company] * room[company] * (1 - 2 * chosen.lane[company])
+    d[company] = route.drive_offset(s[company]) + aside + other * (1 - across)
+    vd[company] = -other * drift
     on_road = (np.abs(s - here) < 320) & (s > 1) & (s < route.length - 1)
+    on_road &= (chosen.lane == 0) | (room > LANE / 2)
     chosen = Tracks(*(getattr(chosen, field.name)[on_road] for field in fields(Tracks)))
     return _as_objects(chosen, route, s[on_road], d[on_road], vs[on_road], vd[on_road])
 
@@ -133,6 +138,7 @@ def _tracks(
         *(values.get(name, zero) for name in ("s0", "d0", "vs", "vd")),
         np.full(n, "headway" in given),
         values.get("headway", zero),
+        values.get("lane", zero),
         values.get("change", zero),
         length,
         width,
@@ -160,13 +166,14 @@ def _land(route: Route, s: Floats) -> NDArray[np.uint8]:
 
 def _oncoming(rng: np.random.Generator, route: Route, drive: Drive, duration: float) -> Tracks:
     """Return oncoming vehicles by when they meet the ego; thinner where the road is quieter."""
-    t0 = _times(rng, duration, 1.5)
+    t0 = _times(rng, duration, 2.0)
     s0 = drive.at(t0)[0]
     land = _land(route, s0)
     keep = rng.random(len(t0)) < np.array([0.6, 0.4, 1.0])[land]
     t0, s0, land = t0[keep], s0[keep], land[keep]
-    lane = np.where(land == Land.MOTORWAY, rng.integers(0, 2, len(t0)), 0)
-    d0 = route.lookup(route.inner, s0) + (lane + 0.5) * LANE
+    inner = route.lookup(route.inner, s0)
+    room = route.lookup(route.outer, s0) - inner - LANE
+    d0 = inner + LANE / 2 + room * rng.integers(0, 2, len(t0))
     speed = SPEED[land] * rng.uniform(0.7, 1.1, len(t0))
     return _tracks(rng, _kinds(rng, len(t0)), t0, s0=s0, d0=d0, vs=-speed)
 
@@ -184,21 +191,32 @@ def _overtaking(rng: np.random.Generator, route: Route, drive: Drive, duration: 
 
 
 def _convoy(rng: np.random.Generator, drive: Drive, duration: float) -> Tracks:
-    """Return who drives before and behind the ego for a while, and who queues at lights."""
-    t0 = _times(rng, duration, 14.0)
-    t1 = t0 + rng.uniform(25, 80, len(t0))
-    free = np.ones(len(t0), bool)
+    """Return who drives around the ego for a while, and who queues at lights."""
+    parts = [
+        _slot(rng, drive, duration, lane, place)
+        for lane, place in ((0, 1), (0, 2), (0, 3), (0, -1), (1, 0), (1, 1), (1, 2), (1, -1))
+    ]
+    return Tracks(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Tracks)))
+
+
+def _slot(rng: np.random.Generator, drive: Drive, duration: float, lane: int, place: int) -> Tracks:
+    """Return those who, one after another, drive ``place`` vehicles ahead of the ego in a lane."""
+    count = int((duration + 2 * _LIFE) / 25) + 2
+    stay = rng.uniform(25, 80, count)
+    t1 = np.cumsum(stay + rng.exponential(25.0, count)) - 2 * _LIFE
+    t0 = t1 - stay
+    free = np.ones(count, bool)
     for stop in drive.stops:
-        if stop.queue == 0:
+        if lane == 0 and place > stop.queue:
             free &= (t1 < stop.start - 3) | (t0 > stop.end + 3)
-    behind = rng.random(len(t0)) < 0.35
-    free |= behind
-    t0, t1, behind = t0[free], t1[free], behind[free]
-    place = np.where(behind, -1.0, rng.choice([1.0, 2.0], len(t0), p=[0.7, 0.3]))
-    headway = place * rng.uniform(1.0, 2.0, len(t0))
-    change = np.where(rng.random(len(t0)) < 0.3, LANE, 0.0)
+    t0, t1 = t0[free], t1[free]
+    n = len(t0)
+    sign = 1.0 if place >= 0 else -1.0
+    headway = place * rng.uniform(1.0, 2.0, n) + sign * rng.uniform(0.01, 0.4, n)
+    s0 = place * 7.5 + lane * rng.uniform(-3, 3, n)
+    change = 1.0 * (rng.random(n) < 0.3)
     return _tracks(
-        rng, _kinds(rng, len(t0)), t0, t1=t1, s0=7.5 * place, headway=headway, change=change
+        rng, _kinds(rng, n), t0, t1=t1, s0=s0, headway=headway, lane=float(lane), change=change
     )
 
 
