@@ -90,3 +90,29 @@ def add_noise(
         pairs = cv2.merge([random, flat[:, part]]).view("<u2").reshape(1, -1)
         noisy[:, part] = cv2.LUT(pairs, tables[table])
     return noisy.reshape(image.shape)
+
+
+def veil(image: Bytes, transmission: Bytes, airlight: float) -> Bytes:
+    """Return ``value t + airlight (1 - t)``, rounded, with t = transmission / 255.
+
+    Parameters
+    ----------
+    image:
+        (height, width, 3) uint8.
+    transmission:
+        (height, width) uint8.
+    airlight:
+        Counts.
+    """
+    t = np.arange(256, dtype=np.float32)[:, None] / 255
+    mixed = t * np.arange(256, dtype=np.float32) + (1 - t) * airlight
+    table = np.clip(np.rint(mixed), 0, 255).astype(np.uint8).reshape(1, -1)
+    veiled = np.empty_like(image)
+    height, width = transmission.shape
+    rows = max(1, _MAX_STRIP // (3 * width))
+    for first in range(0, height, rows):
+        block = np.ascontiguousarray(image[first : first + rows])
+        through = cv2.merge([transmission[first : first + rows]] * 3)
+        pairs = cv2.merge([block.reshape(1, -1), through.reshape(1, -1)]).view("<u2")
+        veiled[first : first + rows] = cv2.LUT(pairs.reshape(1, -1), table).reshape(block.shape)
+    return veiled
