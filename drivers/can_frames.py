@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntFlag
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,3 +63,41 @@ class CanFrames:
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
+
+    def select(self, rows: slice | NDArray[Any]) -> CanFrames:
+        """Return the frames of a slice, an index array or a mask; a slice copies nothing."""
+        return replace(
+            self,
+            stamp_ns=self.stamp_ns[rows],
+            can_id=self.can_id[rows],
+            length=self.length[rows],
+            data=self.data[rows],
+            flags=self.flags[rows],
+            channel=self.channel[rows],
+        )
+
+
+def concatenate(batches: Sequence[CanFrames]) -> CanFrames:
+    """Put at least one batch one after another; stamps are as sure as those of the first."""
+    if len(batches) == 1:
+        return batches[0]
+    channels = tuple(dict.fromkeys(name for batch in batches for name in batch.channels))
+    width = max(batch.data.shape[1] for batch in batches)
+    return CanFrames(
+        stamp_ns=np.concatenate([batch.stamp_ns for batch in batches]),
+        can_id=np.concatenate([batch.can_id for batch in batches]),
+        length=np.concatenate([batch.length for batch in batches]),
+        data=np.concatenate(
+            [np.pad(batch.data, ((0, 0), (0, width - batch.data.shape[1]))) for batch in batches]
+        ),
+        flags=np.concatenate([batch.flags for batch in batches]),
+        channel=np.concatenate(
+            [
+                np.array([channels.index(name) for name in batch.channels], np.uint8)[batch.channel]
+                for batch in batches
+            ]
+        ),
+        channels=channels,
+        stamp_source=batches[0].stamp_source,
+        dropped=max(batch.dropped for batch in batches),
+    )
