@@ -149,6 +149,8 @@ def measure(points: Points, beam: Beam, sensor: RadarSensor, rng: np.random.Gene
     floor = RCS_FLOOR - 0.25 + rng.exponential(0.6, len(rcs))
     seen = (snr > DETECTION_DB) & (rcs > floor)
     cells, rcs, snr = cells[seen], rcs[seen], snr[seen]
+    order = np.argsort(cells.r, kind="stable")
+    cells, rcs, snr = cells[order], rcs[order], snr[order]
     keep, shoulder, shared = _suppress(cells, rcs, beam)
     cells, rcs, snr = cells[keep], rcs[keep], snr[keep]
     blur = 10 ** ((20.0 - snr) / 20)
@@ -204,13 +206,24 @@ def _suppress(
     """Return which cells are reported, their shoulders (dB), and which share a range-Doppler bin.
 
     A bin gives one echo; a second one of another direction only where it is nearly as strong.
+    ``cells`` are sorted by range, so only a few next ones can be near.
     """
-    scale = 2.5 if beam.far else 1.0
-    gap = np.abs(cells.r[:, None] - cells.r) / scale
-    alike = np.abs(cells.speed[:, None] - cells.speed) < 0.14
-    apart = np.abs(cells.azimuth[:, None] - cells.azimuth) > np.radians(3.5)
-    stronger = rcs[None] - rcs[:, None]
-    covered = alike & (gap < 0.75) & (stronger > np.where(apart, 3.0, 0.8))
-    shoulder = np.where(alike & ~apart & (gap < 1.5), stronger, 0).max(axis=1, initial=0)
-    shared = (alike & apart & (gap < 0.75)).any(axis=1)
-    return ~covered.any(axis=1), shoulder, shared
+    n = len(rcs)
+    bin_m = 1.9 if beam.far else 0.75
+    covered, shared, shoulder = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
+    for step in range(1, n):
+        one, other = slice(0, n - step), slice(step, n)
+        gap = cells.r[other] - cells.r[one]
+        if gap.min() > 2 * bin_m:
+            break
+        alike = (np.abs(cells.speed[other] - cells.speed[one]) < 0.14) & (gap < 2 * bin_m)
+        apart = np.abs(cells.azimuth[other] - cells.azimuth[one]) > np.radians(3.5)
+        same_bin = alike & (gap < bin_m)
+        margin = np.where(apart, 3.0, 0.8)
+        stronger = rcs[other] - rcs[one]
+        for mine, excess in ((one, stronger), (other, -stronger)):
+            covered[mine] |= same_bin & (excess > margin)
+            shared[mine] |= same_bin & apart
+            beside = np.where(alike & ~apart, excess, 0.0)
+            shoulder[mine] = np.maximum(shoulder[mine], beside)
+    return ~covered, shoulder, shared

@@ -183,13 +183,14 @@ def _hashed(look: NDArray[np.uint32], nth: NDArray[np.intp]) -> Floats:
     Multiply and xor-shift, after the finaliser of SplitMix64 (Steele, Lea, Flood, "Fast
     splittable pseudorandom number generators", OOPSLA 2014).
     """
-    gamma = np.uint64(0x9E3779B97F4A7C15)
+    first, second, third = (np.uint64(n) for n in (30, 27, 31))
     with np.errstate(over="ignore"):
         start = (look.astype(np.uint64) << np.uint64(16)) + nth.astype(np.uint64)
-        state = start[:, None] * np.uint64(8 + _WAVES) + np.arange(8 + _WAVES, dtype=np.uint64)
-        state = (state + np.uint64(1)) * gamma
-        state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-        state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-        state ^= state >> np.uint64(31)
-    result: Floats = (state >> np.uint64(11)) * 2.0**-53
+        columns = np.arange(1, 9 + _WAVES, dtype=np.uint64)
+        state: NDArray[np.uint64] = start[:, None] * np.uint64(8 + _WAVES) + columns
+        state *= np.uint64(0x9E3779B97F4A7C15)
+        state = (state ^ (state >> first)) * np.uint64(0xBF58476D1CE4E5B9)
+        state = (state ^ (state >> second)) * np.uint64(0x94D049BB133111EB)
+        state ^= state >> third
+    result: Floats = (state >> np.uint64(11)).astype(np.float64) * 2.0**-53
     return result

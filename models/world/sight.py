@@ -15,12 +15,13 @@ WAVE_NUMBER = 2 * np.pi / 0.0039
 """Of 77 GHz, rad/m."""
 
 _SPAN = np.radians(76.0)
-_RAYS = 304
+_RAYS = 153
 _SOLID = np.isin(np.arange(len(Kind)), (Kind.BUILDING, Kind.WALL))
 _BODY = np.isin(np.arange(len(Kind)), (Kind.CAR, Kind.VAN, Kind.TRUCK))
 _BEHIND_SOLID, _BEHIND_BODY = 0.2, 0.5
 _DEPTH = 0.7
 _CLOSE_M = 20.0
+_SLOPE = np.tan(np.radians(75.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,18 +63,14 @@ def look(antenna: Antenna, reflectors: Reflectors, objects: Objects, first_mobil
     objects:
         Their owners; from ``first_mobile`` on road users, before it what never moves.
     """
-    ahead, left = antenna.to_sensor(reflectors.x - antenna.x, reflectors.y - antenna.y)
-    r = np.hypot(ahead, left)
     dx, dy = reflectors.x - antenna.x, reflectors.y - antenna.y
+    ahead, left = antenna.to_sensor(dx, dy)
+    r = np.hypot(ahead, left)
     facing = -(dx * reflectors.nx + dy * reflectors.ny) / np.maximum(r, 0.1)
-    free = (reflectors.nx == 0) & (reflectors.ny == 0)
-    facing[free] = 1.0
-    seen = np.flatnonzero(
-        (np.abs(left) < np.tan(np.radians(75.0)) * ahead) & (r < 260) & (r > 0.3) & (facing > -0.1)
-    )
-    reflectors, ahead, left, r, dx, dy, facing = (
-        value[seen] for value in (reflectors, ahead, left, r, dx, dy, facing)
-    )
+    facing[(reflectors.nx == 0) & (reflectors.ny == 0)] = 1.0
+    seen = np.flatnonzero((np.abs(left) < _SLOPE * ahead) & (r < 260) & (r > 0.3) & (facing > -0.1))
+    reflectors = reflectors[seen]
+    ahead, left, r, dx, dy, facing = (a[seen] for a in (ahead, left, r, dx, dy, facing))
     azimuth = np.arctan2(left, ahead)
     field = reflectors.amplitude * _speckle(reflectors, dx, dy)
     field *= (r**2 / (r**2 + _CLOSE_M**2)) ** 0.75

@@ -130,20 +130,18 @@ def _tracks(
         size = sizes(rng, Kind(which), int(chosen.sum()))
         length[chosen], width[chosen], height[chosen] = size
     values = {name: np.broadcast_to(np.asarray(v, float), n) for name, v in given.items()}
-    zero = np.zeros(n)
+    values.setdefault("t1", t0)
+    for name in ("s0", "d0", "vs", "vd", "headway", "lane", "change"):
+        values.setdefault(name, np.zeros(n))
     return Tracks(
-        kind,
-        t0,
-        values.get("t1", t0),
-        *(values.get(name, zero) for name in ("s0", "d0", "vs", "vd")),
-        np.full(n, "headway" in given),
-        values.get("headway", zero),
-        values.get("lane", zero),
-        values.get("change", zero),
-        length,
-        width,
-        height,
-        rng.integers(0, 2**32, n, np.uint32),
+        kind=kind,
+        t0=t0,
+        with_ego=np.full(n, "headway" in given),
+        length=length,
+        width=width,
+        height=height,
+        look=rng.integers(0, 2**32, n, np.uint32),
+        **values,
     )
 
 
@@ -214,7 +212,7 @@ def _slot(rng: np.random.Generator, drive: Drive, duration: float, lane: int, pl
     sign = 1.0 if place >= 0 else -1.0
     headway = place * rng.uniform(1.0, 2.0, n) + sign * rng.uniform(0.01, 0.4, n)
     s0 = place * 7.5 + lane * rng.uniform(-3, 3, n)
-    change = 1.0 * (rng.random(n) < 0.3)
+    change = np.where(rng.random(n) < 0.3, 1.0, 0.0)
     return _tracks(
         rng, _kinds(rng, n), t0, t1=t1, s0=s0, headway=headway, lane=float(lane), change=change
     )
