@@ -79,7 +79,7 @@ def plan_drive(rng: np.random.Generator, route: Route) -> Drive:
     harder than the constants of this module (the usual forward and backward pass in v²).
     """
     n = len(route.x)
-    s: Floats = np.arange(n) * STEP
+    s = np.arange(n, dtype=np.float64) * STEP
     limit = SPEED[route.land] * rng.uniform(0.7, 1.1)
     curve = np.sqrt(_LATERAL / np.maximum(np.abs(route.curvature), 1e-4))
     limit = np.minimum(limit * _hesitation(rng, n), curve)

@@ -49,7 +49,7 @@ class Ego:
 
 def _path(route: Route) -> tuple[Floats, ...]:
     """Return the ego's path by table index: x, y, heading, metres per metre of road, curvature."""
-    s: Floats = np.arange(len(route.x)) * STEP
+    s = np.arange(len(route.x), dtype=np.float64) * STEP
     x, y, _ = route.place(s, route.drive_offset(s))
     dx, dy = np.gradient(x, STEP), np.gradient(y, STEP)
     heading = np.unwrap(np.arctan2(dy, dx))

@@ -21,6 +21,7 @@ _BODY = np.isin(np.arange(len(Kind)), (Kind.CAR, Kind.VAN, Kind.TRUCK))
 _BEHIND_SOLID, _BEHIND_BODY = 0.2, 0.5
 _DEPTH = 0.7
 _CLOSE_M = 20.0
+_FAINT = 10 ** (-16 / 20)
 _SLOPE = np.tan(np.radians(75.0))
 
 
@@ -68,7 +69,13 @@ def look(antenna: Antenna, reflectors: Reflectors, objects: Objects, first_mobil
     r = np.hypot(ahead, left)
     facing = -(dx * reflectors.nx + dy * reflectors.ny) / np.maximum(r, 0.1)
     facing[(reflectors.nx == 0) & (reflectors.ny == 0)] = 1.0
-    seen = np.flatnonzero((np.abs(left) < _SLOPE * ahead) & (r < 260) & (r > 0.3) & (facing > -0.1))
+    seen = np.flatnonzero(
+        (np.abs(left) < _SLOPE * ahead)
+        & (r < 260)
+        & (r > 0.3)
+        & (facing > -0.1)
+        & (reflectors.amplitude > _FAINT)
+    )
     reflectors = reflectors[seen]
     ahead, left, r, dx, dy, facing = (a[seen] for a in (ahead, left, r, dx, dy, facing))
     azimuth = np.arctan2(left, ahead)
