@@ -97,7 +97,7 @@ class LinkFaults:
     Attributes
     ----------
     counts:
-        Frames or scans hit so far, by fault; for babble, the frames that the other node sent.
+        Frames or scans hit so far, by fault.
     silent:
         Whether the wire is dead since the last scan.
     """
@@ -110,7 +110,7 @@ class LinkFaults:
         self._last: TimedFrames | None = None
 
     def clear(self) -> None:
-        """A scan goes by that no fault may touch: the wire works, and what was is forgotten."""
+        """Let a scan go by that no fault touches: the wire works, and what was is forgotten."""
         self.silent = False
         self._last = None
 
@@ -140,14 +140,11 @@ class LinkFaults:
                 scan = change(scan, hit, rng)
         return scan
 
-    def babble(
-        self, scan: TimedFrames, rates: Mapping[str, float], number: int
-    ) -> TimedFrames | None:
-        """Return what another node sends from the beginning of this scan on, if it does."""
+    def babble(self, scan: TimedFrames, rates: Mapping[str, float], number: int) -> TimedFrames:
+        """Return what another node sends from the beginning of this scan on: mostly nothing."""
         if self.silent or not self._hits_scan("babble", rates, number):
-            return None
+            return scan[:0]
         count = _BABBLE_FRAMES
-        self.counts["babble"] += count - 1
         frames = CanFrames(
             stamp_ns=np.full(count, scan.frames.stamp_ns[0]),
             can_id=np.full(count, BABBLE_ID, np.uint32),
