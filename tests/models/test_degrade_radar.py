@@ -17,6 +17,7 @@ from models.degrade.draw import DrawKey
 from models.sensor import ARS408
 
 KEY = DrawKey(1, "radar", 5)
+FIELDS = [field.name for field in ARS408.grid]
 CELL = math.hypot(0.2, 0.2)
 
 
@@ -49,7 +50,7 @@ def assert_sendable(scan, quality):
         assert (np.diff(part) > -2 * CELL).all()
     for name, array in scan.arrays().items():
         assert len(array) == n, name
-        assert array.dtype == (np.float32 if name in radar._FIELDS else np.uint8), name
+        assert array.dtype == (np.float32 if name in FIELDS else np.uint8), name
 
 
 @pytest.mark.parametrize("kind", radar.KINDS)

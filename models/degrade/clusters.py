@@ -1,0 +1,177 @@
+"""The clusters of one scan while they are being degraded, and how they leave again."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import InputError
+from drivers.scan import RadarScan
+from models.sensor import RadarSensor
+
+FloatArray = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.intp]
+
+_FIELDS = ("x", "y", "vx", "vy", "rcs")
+_PDH0_BOUNDS = np.array([0.25, 0.5, 0.75, 0.9, 0.99, 0.999, 1.0])
+_PDH0_MIDDLES = np.array([1.0, 0.125, 0.375, 0.625, 0.825, 0.945, 0.9945, 0.9995])
+_RMS_INDICES_PER_DECADE = 30 / math.log10(2000)
+
+
+def check_clusters(scan: RadarScan) -> None:
+    """Raise ``InputError`` unless the scan is in cluster mode."""
+    if scan.mode != "cluster":
+        raise InputError(f"scan of {scan.sensor}", "in object mode", "degrade clusters instead")
+
+
+class Clusters:
+    """Clusters in float64, changed in place, that leave as the sensor could have sent them.
+
+    A cluster with a NaN or infinite value is left out and counted: nothing that a CAN bus carries
+    decodes to one.
+
+    Attributes
+    ----------
+    rows:
+        (5, n): x, y (m), vx, vy (m/s), rcs (dBm²).
+    range:
+        (n,) m.
+    order:
+        (n,) m: the range by which the sensor sorts its lists.
+    far:
+        (n,) whether the far list holds it.
+    source:
+        (n,) the cluster of the scan from which it comes.
+    invalid_state:
+        (n,) uint8, or None without quality.
+    masked:
+        How many clusters were left out.
+    """
+
+    def __init__(self, scan: RadarScan, sensor: RadarSensor) -> None:
+        self.scan = scan
+        self.sensor = sensor
+        self.rows = np.array([scan.x, scan.y, scan.vx, scan.vy, scan.rcs], np.float64)
+        self.source = np.arange(len(scan))
+        self.far = scan.id >= scan.near
+        self.invalid_state = scan.invalid_state
+        finite = np.isfinite(self.rows)
+        self.masked = 0
+        if not finite.all():
+            usable = np.flatnonzero(finite.all(axis=0))
+            self.masked = len(scan) - len(usable)
+            self.rows = self.rows.take(usable, axis=1)
+            self._take(usable)
+        self.range: FloatArray = np.hypot(self.rows[0], self.rows[1])
+        self.order = self._order()
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+    def _order(self) -> FloatArray:
+        """Return the range by which the sensor sorted each list.
+
+        It sorts by what it measured, before rounding, so lists on the wire step back by up to a
+        cell of the grid. The running maximum keeps that order.
+        """
+        running = self.range.copy()
+        for part in (~self.far, self.far):
+            running[part] = np.maximum.accumulate(self.range[part])
+        return running
+
+    @property
+    def azimuth(self) -> FloatArray:
+        """(n,) rad, to the left."""
+        return np.asarray(np.arctan2(self.rows[1], self.rows[0]))
+
+    def keep(self, kept: Mask) -> None:
+        """Leave out the clusters that are not kept."""
+        index = np.flatnonzero(kept)
+        self.rows = self.rows.take(index, axis=1)
+        self.range, self.order = self.range[index], self.order[index]
+        self._take(index)
+
+    def _take(self, index: Index) -> None:
+        self.source, self.far = self.source[index], self.far[index]
+        if self.invalid_state is not None:
+            self.invalid_state = self.invalid_state[index]
+
+    def move(self, distance: FloatArray, azimuth: FloatArray) -> None:
+        """Put each cluster at another range (m) and azimuth (rad)."""
+        np.multiply(distance, np.cos(azimuth), out=self.rows[0])
+        np.multiply(distance, np.sin(azimuth), out=self.rows[1])
+        self.order += distance - self.range
+        self.range = distance
+
+    def add(self, rows: FloatArray, lender: Index, invalid_state: NDArray[np.uint8]) -> None:
+        """Add clusters, each with the DynProp and quality of a lender already here."""
+        distance = np.hypot(rows[0], rows[1])
+        far = self._joins_far(distance)
+        self.rows = np.concatenate([self.rows, rows], axis=1)
+        self.source = np.concatenate([self.source, self.source[lender]])
+        self.far = np.concatenate([self.far, far])
+        self.range = np.concatenate([self.range, distance])
+        self.order = np.concatenate([self.order, distance])
+        if self.invalid_state is not None:
+            self.invalid_state = np.concatenate([self.invalid_state, invalid_state])
+
+    def _joins_far(self, distance: FloatArray) -> Mask:
+        """Return which newcomers join the far list: those beyond what the near list reaches."""
+        if self.far.all() or not self.far.any():
+            return np.full(len(distance), bool(self.far[0]))
+        return np.asarray(distance > float(self.range[~self.far].max()))
+
+    def sent(self) -> RadarScan:
+        """Return the scan that the sensor would send.
+
+        Values are on the CAN grid; the near list comes before the far list, each sorted by range;
+        IDs count from 0; and the list ends where a cycle is full.
+        """
+        scan, sensor = self.scan, self.sensor
+        with_quality = scan.pdh0 is not None
+        limit = sensor.max_clusters_with_quality if with_quality else sensor.max_clusters
+        on_grid = sensor.rows_to_grid(self.rows)
+        distance = np.hypot(on_grid[0], on_grid[1])
+        cell = math.hypot(sensor.grid[0].step, sensor.grid[1].step)
+        order = np.minimum(np.maximum(self.order, distance - cell), distance + cell)
+        index = np.lexsort((order, self.far))[:limit]
+        self._take(index)
+        changed: dict[str, Any] = {
+            name: array[self.source] for name, array in scan.arrays().items() if name not in _FIELDS
+        }
+        changed |= zip(_FIELDS, on_grid.take(index, axis=1).astype(np.float32), strict=True)
+        if self.invalid_state is not None:
+            changed["invalid_state"] = self.invalid_state
+        changed["id"] = np.arange(len(self), dtype=np.uint8)
+        far = int(np.count_nonzero(self.far))
+        changed |= {"near": len(self) - far, "far": far}
+        return replace(scan, frames_lost=scan.frames_lost + self.masked, **changed)
+
+
+def consistent_quality(scan: RadarScan, drop_db: float, sensor: RadarSensor) -> RadarScan:
+    """Return the scan with quality fields that follow a loss of signal-to-noise ratio.
+
+    The RMS indices grow by the Cramér–Rao bound: their table is logarithmic, so a loss is a shift.
+    The false-alarm probability becomes p^(1/loss), the law of a Rayleigh noise floor. A cluster
+    without an estimate (RMS 0 or 31) keeps it, and so does vy_rms, which the sensor never changes.
+    """
+    changed: dict[str, Any] = {}
+    shift = round(drop_db / 20 * _RMS_INDICES_PER_DECADE)
+    for name in ("x_rms", "y_rms", "vx_rms"):
+        old = getattr(scan, name)
+        if old is not None:
+            shifted = np.minimum(old.astype(np.int64) + shift, 30)
+            changed[name] = np.where((old > 0) & (old < 31), shifted, old).astype(np.uint8)
+    if scan.pdh0 is not None:
+        classes = np.array(sensor.pdh0_classes, np.uint8)
+        likely = _PDH0_MIDDLES ** (10.0 ** (-drop_db / 10.0))
+        place = np.searchsorted(_PDH0_BOUNDS[classes[:-1] - 1], likely)
+        lookup = np.maximum(classes[place], np.arange(8)).astype(np.uint8)
+        lookup[0] = 0
+        changed["pdh0"] = lookup[scan.pdh0]
+    return replace(scan, **changed)
