@@ -15,7 +15,9 @@ from drivers.scan import MotionInput, RadarScan
 from models.estimate.level import NoiseLevel
 from node.bus.in_process import Bus
 from node.estimator import Estimator
+from node.health import Health, SensorEvent
 from node.injector import Injector
+from node.live_sources import Lost
 from node.mailbox import Closed, Mailbox
 from node.plan import Plan
 from node.scene import Sensor
@@ -55,6 +57,8 @@ class Lane:
         Why reading ended, where it did not end well.
     injector:
         None where the scene injects nothing into this sensor.
+    health:
+        Whether the sensor speaks.
     ended:
         Whether the worker has handed over its last result.
     """
@@ -64,6 +68,7 @@ class Lane:
         self.source = source
         self.statistics = SensorStatistics()
         self.error: MurkError | None = None
+        self.health = Health(sensor.name, monotonic())
         self.ended = False
         self.injector: Injector | None = None
         if plan.keeps("inject", sensor.name):
@@ -104,6 +109,9 @@ class Lane:
         for message in _looped(self.source, self._clock.loop and not self.source.live):
             if stop.is_set():
                 return
+            if isinstance(message, Lost):
+                self._tell(self.health.lost(message.detail))
+                continue
             if not isinstance(message, Frame | RadarScan):
                 topic = "motion_input" if isinstance(message, MotionInput) else "radar_state"
                 self._publish(topic, message)
@@ -115,10 +123,24 @@ class Lane:
             over = self._duration_ns is not None and t_ns >= self._duration_ns
             if over or pace.stopped_before(t_ns, stop):
                 return
+            self._tell(self.health.seen(monotonic()))
             self.statistics.receive(message)
             self._queue.put(Arrived(message, monotonic_ns(), t_ns))
         if not self.statistics.received and not stop.is_set():
             raise self._nothing(objects_only)
+
+    def check_health(self) -> None:
+        """Publish it where a live sensor has fallen silent, or has not spoken at all."""
+        if self.source.live and not self.ended:
+            self._tell(self.health.check(monotonic()))
+
+    def _tell(self, event: SensorEvent | None) -> None:
+        if event is None or not self.source.live:
+            return
+        self.statistics.events[event.state] = self.statistics.events.get(event.state, 0) + 1
+        level = logging.INFO if event.state == "ok" else logging.WARNING
+        log.log(level, "%s is %s: %s", event.sensor, event.state.replace("_", " "), event.detail)
+        self._publish("event", event)
 
     def _nothing(self, objects_only: bool) -> InputError:
         if self._sensor.type == "camera":
@@ -190,7 +212,7 @@ class _Pace:
         return stop.wait(due_s) if due_s > 0 else stop.is_set()
 
 
-def _looped(source: Source, loop: bool) -> Iterator[Message]:
+def _looped(source: Source, loop: bool) -> Iterator[Message | Lost]:
     """Yield a source's messages; with ``loop`` again and again, stamps and sequence going on."""
     shift: dict[str, int] = {}
     while True:
@@ -198,7 +220,9 @@ def _looped(source: Source, loop: bool) -> Iterator[Message]:
         last: Frame | RadarScan | None = None
         count = 0
         for original in source.messages():
-            message = _moved(original, shift) if shift else original
+            message = original
+            if shift and not isinstance(original, Lost):
+                message = _moved(original, shift)
             if isinstance(message, Frame | RadarScan):
                 first, last, count = first or message, message, count + 1
             yield message

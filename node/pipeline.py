@@ -35,7 +35,7 @@ class Pipeline:
         What to run.
     bus:
         Where to publish: ``/murk/<sensor>/noise_level``, ``scan`` or ``image`` (as degraded),
-        ``radar_state`` and ``motion_input``.
+        ``radar_state``, ``motion_input`` and ``event`` (of a live sensor).
 
     Raises
     ------
@@ -129,6 +129,8 @@ class Pipeline:
         while running:
             if self._stop.is_set():
                 self._close_live_sources()
+            for lane in self._lanes.values():
+                lane.check_health()
             try:
                 result = self._results.get(STOP_CHECK_S)
             except TimeoutError:

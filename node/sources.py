@@ -4,23 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Event
 from typing import TYPE_CHECKING, Protocol
 
-from drivers.camera import FrameSource
+from drivers.camera import FrameSource, open_camera_source
 from drivers.can_frames import CanFrames
 from drivers.frame import Frame
 from drivers.scan import MotionInput, RadarScan, RadarState
+from node.live_sources import CanBusSource, LiveCameraSource, Lost
 from node.scene import WORLD, Sensor
 
 if TYPE_CHECKING:
-    from drivers.can_bus import CanBus
     from models.world.road import World
 
 Message = Frame | RadarScan | RadarState | MotionInput
-
-BUS_TIMEOUT_S = 0.2
-"""How long a read from a silent bus blocks before it looks whether the run should stop."""
 
 
 class Source(Protocol):
@@ -32,7 +28,7 @@ class Source(Protocol):
 
     live: bool
 
-    def messages(self) -> Iterator[Message]:
+    def messages(self) -> Iterator[Message | Lost]:
         """Yield messages until the recording ends or ``close`` is called.
 
         Raises
@@ -70,61 +66,26 @@ class CanLogSource:
         """Nothing stays open between reads."""
 
 
-class CanBusSource:
-    """Scans of one radar on a CAN bus."""
-
-    live = True
-
-    def __init__(self, sensor: Sensor) -> None:
-        from drivers.ars408 import sensor_can_ids
-        from drivers.can_bus import open_bus
-
-        self._sensor = sensor
-        self._stop = Event()
-        self._bus: CanBus = open_bus(sensor.source, ids=sensor_can_ids(sensor.sensor_id))
-
-    def _batches(self) -> Iterator[CanFrames]:
-        while not self._stop.is_set():
-            frames = self._bus.read(BUS_TIMEOUT_S)
-            if len(frames):
-                yield frames
-
-    def messages(self) -> Iterator[Message]:
-        """Yield the radar's messages; see ``Source``."""
-        try:
-            yield from _assembled(self._sensor, self._batches())
-        finally:
-            self._bus.close()
-
-    def close(self) -> None:
-        """Stop at the next time-out of the bus."""
-        self._stop.set()
-
-
 class CameraSource:
-    """Frames of a video, of images or of a live camera."""
+    """Frames of a video or of images."""
 
-    def __init__(self, sensor: Sensor) -> None:
+    live = False
+
+    def __init__(self, sensor: Sensor, frames: FrameSource) -> None:
         self._sensor = sensor
-        self._frames = self._open()
-        self.live = self._frames.live
-        self._read = False
-
-    def _open(self) -> FrameSource:
-        from drivers.camera import open_camera_source
-
-        return open_camera_source(self._sensor.source, self._sensor.name)
+        self._frames: FrameSource | None = frames
 
     def messages(self) -> Iterator[Message]:
         """Yield frames; see ``Source``."""
-        if self._read:
-            self._frames = self._open()
-        self._read = True
-        return self._frames
+        frames = self._frames or open_camera_source(self._sensor.source, self._sensor.name)
+        self._frames = None
+        with frames:
+            yield from frames
 
     def close(self) -> None:
-        """Release the file or the device."""
-        self._frames.close()
+        """Release a file that was opened and not read."""
+        if self._frames is not None:
+            self._frames.close()
 
 
 class WorldRadarSource:
@@ -191,5 +152,15 @@ def open_source(sensor: Sensor, world: World | None) -> Source:
         radar = sensor.type == "radar"
         return WorldRadarSource(sensor, world) if radar else WorldCameraSource(sensor, world)
     if sensor.type == "camera":
-        return CameraSource(sensor)
+        return _open_camera(sensor)
     return CanBusSource(sensor) if is_can_bus(sensor.source) else CanLogSource(sensor)
+
+
+def _open_camera(sensor: Sensor) -> Source:
+    frames = open_camera_source(sensor.source, sensor.name)
+    if not frames.live:
+        return CameraSource(sensor, frames)
+    from drivers.v4l2 import V4L2Camera
+
+    assert isinstance(frames, V4L2Camera)
+    return LiveCameraSource(frames)

@@ -33,6 +33,8 @@ class SensorStatistics:
         CAN frames missing from scans, and whole radar cycles missing between scans.
     failures:
         Messages that could not be processed.
+    events:
+        How often a live sensor came into each state; see ``node.health``.
     """
 
     received: int = 0
@@ -42,6 +44,7 @@ class SensorStatistics:
     frames_lost: int = 0
     cycles_lost: int = 0
     failures: int = 0
+    events: dict[str, int] = field(default_factory=dict)
     first_stamp_ns: int | None = None
     last_stamp_ns: int = 0
     level_sum: float = 0.0
@@ -89,6 +92,8 @@ class SensorStatistics:
                 "failures",
             )
         }
+        if self.events:
+            record["events"] = dict(self.events)
         if self.first_stamp_ns is not None and self.last_stamp_ns > self.first_stamp_ns:
             span_s = (self.last_stamp_ns - self.first_stamp_ns) * 1e-9
             record["rate_hz"] = round((self.received - 1) / span_s, 3)

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
+from threading import Lock
 from typing import Any
 
 import numpy as np
+
+_whole_lines = Lock()
 
 
 def _plain(value: Any) -> Any:
@@ -26,4 +29,6 @@ def emit(record: Mapping[str, Any]) -> None:
     ValueError
         If a value is NaN or infinite, which JSON cannot say.
     """
-    sys.stdout.write(json.dumps(record, default=_plain, allow_nan=False) + "\n")
+    line = json.dumps(record, default=_plain, allow_nan=False)
+    with _whole_lines:
+        sys.stdout.write(line + "\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,6 +25,7 @@ from node.cli.scene_flags import (
 
 if TYPE_CHECKING:
     from models.estimate.level import NoiseLevel
+    from node.health import SensorEvent
     from node.pipeline import Pipeline
     from node.scene import Scene
 
@@ -79,6 +81,9 @@ def execute(scene: Scene, *, json: bool) -> dict[str, Any]:
     with Bus() as bus:
         pipeline = Pipeline(plan(scene), bus)
         _stop_on_signals(pipeline)
+        if json:
+            for sensor in scene.sensors:
+                bus.subscribe(f"/murk/{sensor.name}/event", _emit_event)
         show = _emit_levels if json else _watch_levels
         try:
             show(pipeline, kept if scene.outputs.picture else None)
@@ -111,6 +116,10 @@ def _emit_levels(pipeline: Pipeline, kept: list[NoiseLevel] | None) -> None:
         emit(as_record(level))
         if kept is not None:
             kept.append(level)
+
+
+def _emit_event(event: SensorEvent) -> None:
+    emit({"type": "event", **asdict(event)})
 
 
 def _watch_levels(pipeline: Pipeline, kept: list[NoiseLevel] | None) -> None:

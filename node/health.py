@@ -1,0 +1,98 @@
+"""Whether a live sensor speaks: never seen, ok, stale or lost. Silence is a fault."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from threading import Lock
+from time import time_ns
+from typing import Literal
+
+State = Literal["never_seen", "ok", "stale", "lost"]
+
+SILENT_CYCLES = 3
+"""A sensor is stale after so many of its cycles without a message."""
+NEVER_SEEN_S = 1.0
+"""When a sensor that has sent nothing yet is reported as never seen."""
+SHORTEST_S = 0.15
+"""No silence shorter than this is a fault: a scheduler's hiccup lasts that long."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorEvent:
+    """Something that happened to a sensor.
+
+    Attributes
+    ----------
+    sensor:
+        Its name in the scene.
+    stamp_ns:
+        When it was noticed, wall time, integer nanoseconds.
+    state:
+        The sensor's state from then on; ``"lost"`` where its bus or device is down or gone.
+    detail:
+        One line for a person.
+    """
+
+    sensor: str
+    stamp_ns: int
+    state: State
+    detail: str
+
+
+class Health:
+    """State of one sensor, from when its messages come. Times are of the monotonic clock, s.
+
+    The cycle is learned as a running mean of the intervals between messages.
+    """
+
+    def __init__(self, sensor: str, now_s: float) -> None:
+        self.state: State = "never_seen"
+        self._sensor = sensor
+        self._start_s = now_s
+        self._last_s: float | None = None
+        self._cycle_s: float | None = None
+        self._told = False
+        self._lock = Lock()
+
+    def seen(self, now_s: float) -> SensorEvent | None:
+        """Take in a message; return an event where it ends a silence."""
+        with self._lock:
+            before, silent_since = self.state, self._last_s
+            if silent_since is not None and before == "ok":
+                interval = now_s - silent_since
+                cycle = interval if self._cycle_s is None else self._cycle_s
+                self._cycle_s = cycle + 0.1 * (interval - cycle)
+            self.state, self._last_s = "ok", now_s
+        if before == "ok":
+            return None
+        if before == "never_seen":
+            return self._event(f"first message after {now_s - self._start_s:.2f} s")
+        return self._event(f"back after {now_s - (silent_since or self._start_s):.2f} s")
+
+    def lost(self, detail: str) -> SensorEvent | None:
+        """Take in that the bus or device is down; return an event where that is news."""
+        with self._lock:
+            if self.state == "lost":
+                return None
+            self.state = "lost"
+        return self._event(detail)
+
+    def check(self, now_s: float) -> SensorEvent | None:
+        """Look whether the silence has lasted too long; return an event where that is news."""
+        with self._lock:
+            if self.state == "never_seen":
+                if self._told or now_s - self._start_s < NEVER_SEEN_S:
+                    return None
+                self._told = True
+                return self._event("nothing came since the start")
+            if self.state != "ok" or self._last_s is None or self._cycle_s is None:
+                return None
+            silence_s = now_s - self._last_s
+            if silence_s < max(SILENT_CYCLES * self._cycle_s, SHORTEST_S):
+                return None
+            self.state = "stale"
+            cycle = f"its cycle is {self._cycle_s * 1e3:.0f} ms"
+        return self._event(f"silent for {silence_s:.2f} s, {cycle}")
+
+    def _event(self, detail: str) -> SensorEvent:
+        return SensorEvent(self._sensor, time_ns(), self.state, detail)
