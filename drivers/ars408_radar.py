@@ -1,0 +1,314 @@
+"""One radar's state between batches, and the assembler's general path, frame by frame."""
+
+from __future__ import annotations
+
+from bisect import bisect
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.codec import ars408
+from drivers.ars408_bulk import Announcement, Cycle, RadarFrames, announcements, regular_cycles
+from drivers.ars408_layout import CAN_ID, PAYLOAD_BYTES, Kind, ListLayout
+from drivers.scan import MotionInput, RadarScan, RadarState
+
+Item = RadarScan | RadarState | MotionInput
+Placed = tuple[int, Item]
+"""What a frame completes, after the row of that frame."""
+
+PATIENCE = 3
+"""Whole general lists in a row without an optional list, until that is no longer expected."""
+
+_COUNTER_RANGE = 1 << 16
+_REVERSE = 2  # of RadarDevice_SpeedDirection
+_QUALITY = (Kind.CLUSTER_QUALITY, Kind.OBJECT_QUALITY)
+_OPTIONAL = (*_QUALITY, Kind.OBJECT_EXTENDED)
+
+
+@dataclass(slots=True)
+class _CycleCounter:
+    """MeasCounter to sequence numbers, the counter's step learned."""
+
+    sequence: int = -1
+    _last: int = 0
+    _change: int = 0
+    _step: int | None = None
+
+    def count(self, counter: int) -> int:
+        """Take the counter of the next cycle; return how many cycles were lost before it."""
+        lost = 0
+        change = (counter - self._last) % _COUNTER_RANGE
+        if self.sequence >= 0 and 0 < change < _COUNTER_RANGE // 2:
+            if change == self._change and (self._step is None or change < self._step):
+                self._step = change
+            self._change = change
+            lost = max(0, change // self._step - 1) if self._step else 0
+        self._last = counter
+        self.sequence += 1 + lost
+        return lost
+
+
+@dataclass(slots=True)
+class _OpenScan:
+    """A scan that waits for frames: payload by ID, a list each."""
+
+    head: Announcement
+    payload: bytes
+    lists: dict[int, dict[int, bytes]]
+    duplicates: int = 0
+
+
+@dataclass(slots=True)
+class Radar:
+    """The state of one radar.
+
+    Attributes
+    ----------
+    strays:
+        Stray frames since the last scan.
+    """
+
+    sensor_id: int
+    name: str
+    strays: int = 0
+    _open: _OpenScan | None = None
+    _cycles: _CycleCounter = field(default_factory=_CycleCounter)
+    _expected: dict[int, bool | None] = field(default_factory=lambda: dict.fromkeys(_OPTIONAL))
+    _misses: dict[int, int] = field(default_factory=lambda: dict.fromkeys(_OPTIONAL, 0))
+    _speed: float | None = None
+    _yaw_rate: float | None = None
+    _dropped: int = 0
+
+    def feed(self, frames: RadarFrames, dropped: int) -> Iterator[Placed]:
+        """Yield what the radar's frames of a batch complete; not quite in order of rows."""
+        self._dropped = dropped
+        motion = (frames.kind == Kind.SPEED) | (frames.kind == Kind.YAW_RATE)
+        if motion.any():
+            yield from self._motion(frames.select(motion))
+            frames = frames.select(~motion)
+        states = self._states(frames)
+        announced = announcements(frames)
+        yield from self._step(frames, 0, announced[0].start if announced else len(frames), states)
+        yield from self._walk(frames, announced, states)
+
+    def flush(self) -> Iterator[RadarScan]:
+        """Yield the open scan as it is."""
+        if self._open is not None:
+            yield self._close(self._open)
+
+    def _motion(self, frames: RadarFrames) -> Iterator[Placed]:
+        speed = ars408().message(CAN_ID[Kind.SPEED]).decode(frames.payload)
+        direction = np.where(speed["RadarDevice_SpeedDirection"] == _REVERSE, -1.0, 1.0)
+        yaw_rate = ars408().message(CAN_ID[Kind.YAW_RATE]).decode(frames.payload)
+        columns = zip(
+            frames.row.tolist(),
+            (frames.kind == Kind.SPEED).tolist(),
+            frames.stamp_ns.tolist(),
+            (direction * speed["RadarDevice_Speed"]).tolist(),
+            yaw_rate["RadarDevice_YawRate"].tolist(),
+            strict=True,
+        )
+        for row, is_speed, stamp_ns, metres_per_second, degrees_per_second in columns:
+            if is_speed:
+                self._speed = metres_per_second
+            else:
+                self._yaw_rate = degrees_per_second
+            yield row, MotionInput(self.sensor_id, stamp_ns, self._speed, self._yaw_rate)
+
+    def _states(self, frames: RadarFrames) -> dict[int, RadarState]:
+        """Decode the radar states of a batch, by place in ``frames``."""
+        place = np.flatnonzero(frames.kind == Kind.RADAR_STATE)
+        if not len(place):
+            return {}
+        columns = ars408().message(CAN_ID[Kind.RADAR_STATE]).decode(frames.payload[place])
+        rows = zip(*(column.astype(float).tolist() for column in columns.values()), strict=True)
+        stamps = frames.stamp_ns[place].tolist()
+        values = (dict(zip(columns, row, strict=True)) for row in rows)
+        return {
+            index: RadarState(self.name, self.sensor_id, stamp_ns, value)
+            for index, stamp_ns, value in zip(place.tolist(), stamps, values, strict=True)
+        }
+
+    def _walk(
+        self, frames: RadarFrames, announced: list[Announcement], states: dict[int, RadarState]
+    ) -> Iterator[Placed]:
+        """Go from cycle to cycle: the regular ones as they were decoded, the rest step by step."""
+        cycles = regular_cycles(frames, announced)
+        places = list(states)
+        for head, cycle in zip(announced, cycles, strict=True):
+            told = places[bisect(places, head.start) : bisect(places, head.end)]
+            if cycle is not None and self._foresees(head, cycle, [states[p] for p in told]):
+                for place in told:
+                    yield int(frames.row[place]), states[place]
+                for layout in head.mode.optional:
+                    self._misses[layout.kind] = 0
+                yield cycle.last, self._scan(head, cycle.arrays)
+            else:
+                yield from self._begin(head, frames)
+                yield from self._step(frames, head.start + 1, head.end, states)
+
+    def _foresees(self, head: Announcement, cycle: Cycle, told: list[RadarState]) -> bool:
+        """Whether, frame by frame, this cycle would be complete at its last frame exactly."""
+        if self._open is not None:
+            return False
+        expected = tuple(self._expected[layout.kind] for layout in head.mode.optional)
+        news = (self._expected[kind] != sent for state in told for kind, sent in _lists(state))
+        return cycle.present == expected and not any(news)
+
+    def _begin(self, head: Announcement, frames: RadarFrames) -> Iterator[Placed]:
+        """Take a status frame."""
+        row = int(frames.row[head.start])
+        payload = frames.payload[head.start].tobytes()
+        scan = self._open
+        if scan is not None:
+            if payload == scan.payload and not scan.duplicates and not any(scan.lists.values()):
+                scan.duplicates += 1
+                return
+            yield row, self._close(scan)
+        lists: dict[int, dict[int, bytes]] = {layout.kind: {} for layout in head.mode.lists}
+        self._open = _OpenScan(head, payload, lists)
+        if head.size == 0:
+            yield row, self._close(self._open)
+
+    def _step(
+        self, frames: RadarFrames, begin: int, end: int, states: dict[int, RadarState]
+    ) -> Iterator[Placed]:
+        """Take the frames of a range that has no status frame, one by one."""
+        kinds = frames.kind[begin:end].tolist()
+        rows = frames.row[begin:end].tolist()
+        payloads = frames.payload[begin:end].tobytes()
+        for place, (kind, row) in enumerate(zip(kinds, rows, strict=True)):
+            if kind == Kind.RADAR_STATE:
+                state = states[begin + place]
+                self._tell(state)
+                if self._open is not None and self._is_complete(self._open):
+                    yield row, self._close(self._open)
+                yield row, state
+            elif self._take(kind, payloads[PAYLOAD_BYTES * place : PAYLOAD_BYTES * (place + 1)]):
+                assert self._open is not None
+                yield row, self._close(self._open)
+
+    def _take(self, kind: int, payload: bytes) -> bool:
+        """Take a frame of a list; say whether the open scan is complete with it."""
+        if kind in self._expected:
+            self._expected[kind] = True
+            self._misses[kind] = 0
+        scan = self._open
+        frames = scan.lists.get(kind) if scan is not None else None
+        if scan is None or frames is None:
+            self.strays += 1
+            return False
+        identifier = payload[0]
+        if identifier in frames:
+            scan.duplicates += 1
+            return False
+        if len(frames) == scan.head.size:
+            self.strays += 1
+            return False
+        frames[identifier] = payload
+        return len(frames) == scan.head.size and self._is_complete(scan)
+
+    def _is_complete(self, scan: _OpenScan) -> bool:
+        size = scan.head.size
+        return len(scan.lists[scan.head.mode.general.kind]) == size and all(
+            len(scan.lists[layout.kind]) == size
+            or (self._expected[layout.kind] is False and not scan.lists[layout.kind])
+            for layout in scan.head.mode.optional
+        )
+
+    def _tell(self, state: RadarState) -> None:
+        """Expect the lists that the radar says it sends."""
+        for kind, value in _lists(state):
+            self._expected[kind] = value
+            self._misses[kind] = 0
+
+    def _close(self, scan: _OpenScan) -> RadarScan:
+        """Decode an open scan, complete or not."""
+        self._open = None
+        head = scan.head
+        general = scan.lists[head.mode.general.kind]
+        arrays = head.mode.general.decode(_payloads(general))
+        unknown = lost = head.size - len(general)
+        for layout in head.mode.optional:
+            frames = scan.lists[layout.kind]
+            if frames:
+                fields, matched = _joined(layout, general, frames)
+                arrays |= fields
+                # a frame without partner is explained by a general frame that was lost
+                explained = min(len(frames) - matched, unknown)
+                self.strays += len(frames) - matched - explained
+                lost += head.size - matched - explained
+            elif self._expected[layout.kind]:
+                lost += head.size
+            if not unknown and head.size:
+                self._learn(layout.kind, seen=bool(frames))
+        return self._scan(head, arrays, lost, scan.duplicates)
+
+    def _learn(self, kind: int, *, seen: bool) -> None:
+        """Learn from a whole general list whether an optional one comes with it."""
+        self._misses[kind] = 0 if seen else self._misses[kind] + 1
+        if self._expected[kind] is None or self._misses[kind] >= PATIENCE:
+            self._expected[kind] = seen
+
+    def _scan(
+        self,
+        head: Announcement,
+        arrays: dict[str, NDArray[Any]],
+        frames_lost: int = 0,
+        duplicates: int = 0,
+    ) -> RadarScan:
+        cycles_lost = self._cycles.count(head.counter)
+        strays, self.strays = self.strays, 0
+        return RadarScan(
+            sensor=self.name,
+            sensor_id=self.sensor_id,
+            sequence=self._cycles.sequence,
+            stamp_ns=head.stamp_ns,
+            stamp_source=head.stamp_source,
+            mode=head.mode.name,
+            meas_counter=head.counter,
+            near=head.near,
+            far=head.far,
+            frames_lost=frames_lost,
+            cycles_lost=cycles_lost,
+            duplicates=duplicates,
+            strays=strays,
+            dropped=self._dropped,
+            **arrays,
+        )
+
+
+def _lists(state: RadarState) -> Iterator[tuple[int, bool]]:
+    """Yield whether the radar says that it sends each optional list."""
+    for kind in _QUALITY:
+        yield kind, bool(state.values["RadarState_SendQualityCfg"])
+    yield Kind.OBJECT_EXTENDED, bool(state.values["RadarState_SendExtInfoCfg"])
+
+
+def _payloads(frames: dict[int, bytes]) -> NDArray[np.uint8]:
+    joined = np.frombuffer(b"".join(frames.values()), np.uint8)
+    return joined.reshape(len(frames), PAYLOAD_BYTES)
+
+
+def _joined(
+    layout: ListLayout, general: dict[int, bytes], frames: dict[int, bytes]
+) -> tuple[dict[str, NDArray[Any]], int]:
+    """Bring the fields of an optional list to the order of the general one.
+
+    Returns
+    -------
+    dict
+        The fields, invalid where a frame is missing.
+    int
+        How many frames found their partner.
+    """
+    places = {identifier: place for place, identifier in enumerate(frames)}
+    order = np.array([places.get(identifier, -1) for identifier in general], np.intp)
+    fields = {name: column[order] for name, column in layout.decode(_payloads(frames)).items()}
+    missing = order < 0
+    for name, column in fields.items():
+        column[missing] = layout.no_value(name)
+    return fields, len(order) - int(missing.sum())
