@@ -13,6 +13,7 @@ from typing import ClassVar, Self
 from dbc.errors import VideoError
 from drivers.frame import Frame
 
+CARD_PREFIX = "v4l2:"
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})
 
 
@@ -88,14 +89,21 @@ class Recording(FrameSource):
         """Close what the reader holds open."""
 
 
+def is_live_camera(spec: str | Path) -> bool:
+    """Tell the name of a live camera from a file's."""
+    text = str(spec)
+    named = text.isdecimal() or text.startswith((CARD_PREFIX, "/dev/video", "/dev/v4l/"))
+    return named or Path(spec).is_char_device()
+
+
 def open_camera_source(spec: str | Path, sensor: str) -> FrameSource:
     """Open whatever ``spec`` names, importing only the library that it needs.
 
     Parameters
     ----------
     spec:
-        A video file, an image, a folder of images; or a live camera: ``/dev/video0``, ``0``,
-        ``/dev/v4l/by-id/...`` or ``v4l2:CARD NAME``.
+        A video file, an image, a folder of images, or a live camera
+        (``drivers.v4l2_devices.find_camera``).
     sensor:
         The camera's name in the scene.
 
@@ -106,6 +114,10 @@ def open_camera_source(spec: str | Path, sensor: str) -> FrameSource:
     DeviceError
         If a camera is missing, busy or not a camera.
     """
+    if is_live_camera(spec):
+        from drivers.v4l2 import V4L2Camera
+
+        return V4L2Camera(spec, sensor)
     path = Path(spec)
     if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES:
         from drivers.images import ImageFolder

@@ -36,7 +36,6 @@ mount -t devpts devpts /dev/pts
 mount --rbind /dev /root/dev
 mount -t proc proc /root/proc
 mount -t sysfs sysfs /root/sys
-mount -t tmpfs tmpfs /root/tmp
 mount -t tmpfs tmpfs /root/run
 
 status=0

@@ -115,7 +115,9 @@ def module_files(base: Path, version: str) -> list[Path]:
     """Return the files to load for ``MODULES``, in order, each once."""
     options = ("-d", str(base), "-S", version, "--show-depends", "--all")
     lines = run("modprobe", *options, *MODULES).splitlines()
-    files = [Path(line[7:].strip()) for line in lines if line.startswith("insmod ")]
+    files = [
+        Path(line.removeprefix("insmod ").strip()) for line in lines if line.startswith("insmod ")
+    ]
     return list(dict.fromkeys(files))
 
 

@@ -7,7 +7,7 @@
 runs a command in it, shows its output and exits with its exit status. In the machine
 
 - the whole file system of this computer is there at the same paths, read-only; what is written
-  goes to memory and is lost (``/tmp`` and ``/run`` start empty);
+  goes to memory and is lost; temporary files go to ``/run``, which starts empty;
 - ``vcan0`` and ``vcan1`` are up, ``/dev/video0`` and ``/dev/video1`` are vivid webcams;
 - the command runs as root in the present folder, with ``MURK_VM=1`` in its environment, and
   ``MURK_VM_MODULES`` for ``modprobe -d``;
@@ -96,7 +96,8 @@ def script(command: Sequence[str], folder: Path, kernel: Kernel) -> str:
     """Return the shell script that runs the command in its environment."""
     environment = {name: os.environ[name] for name in PASSED_ON if name in os.environ}
     environment |= {
-        "HOME": "/tmp",
+        "HOME": "/run",
+        "TMPDIR": "/run",
         "MURK_VM": "1",
         "MURK_VM_MODULES": str(kernel.folder),
         "PYTHONDONTWRITEBYTECODE": "1",
