@@ -77,6 +77,16 @@ class CanFrames:
         )
 
 
+NO_FRAMES = CanFrames(
+    stamp_ns=np.zeros(0, np.int64),
+    can_id=np.zeros(0, np.uint32),
+    length=np.zeros(0, np.uint8),
+    data=np.zeros((0, 8), np.uint8),
+    flags=np.zeros(0, np.uint8),
+    channel=np.zeros(0, np.uint8),
+)
+
+
 def concatenate(batches: Sequence[CanFrames]) -> CanFrames:
     """Put at least one batch one after another; stamps are as sure as those of the first."""
     if len(batches) == 1:

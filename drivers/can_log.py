@@ -22,12 +22,19 @@ _BATCH = 4096
 _LATEST_STAMP_S = 2**63 / 1e9
 
 
-def read_log(path: str | Path) -> Iterator[CanFrames]:
+def read_log(path: str | Path, chunk_bytes: int = 1 << 19) -> Iterator[CanFrames]:
     """Read a CAN log in batches of constant memory; its format is told by the suffix.
 
     candump text (``.log``, ``.txt``, ``.candump``) is read by ``drivers.candump``, anything else by
     python-can: its stamps are exact to the microsecond and begin where the format has them begin
     (``.asc``: at 0). ``.gz`` may follow any suffix but ``.db`` and ``.mf4``.
+
+    Parameters
+    ----------
+    path:
+        The log.
+    chunk_bytes:
+        Bytes of candump text read at once: less for a shorter pause, more for speed.
 
     Raises
     ------
@@ -38,7 +45,7 @@ def read_log(path: str | Path) -> Iterator[CanFrames]:
     path = Path(path)
     suffix = (Path(path.stem).suffix if path.suffix == ".gz" else path.suffix).lower()
     if suffix in CANDUMP_SUFFIXES:
-        yield from read_candump(path)
+        yield from read_candump(path, chunk_bytes)
     elif suffix in PYTHON_CAN_SUFFIXES:
         yield from _read_by_python_can(path)
     else:
