@@ -190,7 +190,10 @@ def threshold_db(echoes_db: FloatArray, sensor: RadarSensor = ARS408) -> float:
 
 
 def is_missed(
-    margin_db: FloatArray, level: float, drop_db: float, deviates: FloatArray
+    margin_db: FloatArray,
+    level: float | FloatArray,
+    drop_db: float | FloatArray,
+    deviates: FloatArray,
 ) -> NDArray[np.bool_]:
     """Return which clusters fall under the threshold.
 
@@ -202,23 +205,24 @@ def is_missed(
     margin_db:
         Echo over the threshold before the loss, dB.
     level:
-        %, above 0.
+        %.
     drop_db:
         Loss, dB.
     deviates:
         Standard normal, one a cluster.
     """
     remaining = 10.0 ** (np.clip(margin_db - drop_db, -3000.0, 3000.0) / 10.0)
-    return np.asarray(remaining + level / 100.0 * deviates < 1.0)
+    return np.asarray(remaining + np.asarray(level) / 100.0 * deviates < 1.0)
 
 
-def std_growth(drop_db: float) -> float:
+def std_growth(drop_db: float | FloatArray) -> FloatArray:
     """Return √(10^(drop/10) - 1): the added std over the sensor's own (Cramér–Rao).
 
     The measurement's variance grows as 1 / SNR; only what it gains is added. A gain of SNR
     (negative drop) adds nothing.
     """
-    return float(np.sqrt(np.expm1(max(drop_db, 0.0) * np.log(10.0) / 10.0)))
+    gained = np.expm1(np.maximum(drop_db, 0.0) * (np.log(10.0) / 10.0))
+    return np.asarray(np.sqrt(gained), np.float64)
 
 
 def _miss(clusters: Clusters, level: float, drop_db: float, deviates: FloatArray) -> None:
@@ -227,7 +231,7 @@ def _miss(clusters: Clusters, level: float, drop_db: float, deviates: FloatArray
     clusters.keep(~is_missed(margin, level, drop_db, deviates))
 
 
-def jitter(clusters: Clusters, growth: float | FloatArray, deviates: FloatArray) -> None:
+def jitter(clusters: Clusters, growth: FloatArray, deviates: FloatArray) -> None:
     """Scatter range, azimuth and radial velocity by ``growth`` times the sensor's accuracy.
 
     Parameters

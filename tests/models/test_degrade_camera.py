@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from statistics import NormalDist
 
 import cv2
 import numpy as np
@@ -193,7 +194,7 @@ def test_the_noise_is_a_rounded_gaussian(level, method):
         )
     values, counts = np.unique(noise[np.abs(noise) < 127], return_counts=True)
     measured = np.cumsum(counts) / noise.size
-    expected = np.array([camera.NormalDist(0, level).cdf(value + 0.5) for value in values])
+    expected = np.array([NormalDist(0, level).cdf(value + 0.5) for value in values])
     assert np.abs(measured - expected).max() < 0.0025
 
 
@@ -207,7 +208,7 @@ def test_noise_saturates_and_never_wraps():
 def test_published_noise_behaves_as_salt():
     image = np.full((200, 200, 3), 100, np.uint8)
     noisy = degrade("noise", 100, image, method="published")
-    assert (noisy == 255).mean() == pytest.approx(camera.NormalDist().cdf(-1), abs=0.01)
+    assert (noisy == 255).mean() == pytest.approx(NormalDist().cdf(-1), abs=0.01)
     assert not (noisy < 100).any()
 
 
