@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import cv2
 import numpy as np
 
 from drivers.frame import Frame
 from models.degrade.draw import DrawKey
-from models.world.render.ground import ground_textures, paint_ground
-from models.world.render.things import paint_things
-from models.world.render.view import View, mount, strip
+from models.world.render.lens import draw_lens, expose
+from models.world.render.scene import Scenery, paint
+from models.world.render.view import View, mount
 from models.world.road import EPOCH_NS, World
 
 MOUNT_X, MOUNT_Z = 1.7, 1.45
@@ -46,8 +45,10 @@ class WorldCamera:
         self.width = width
         self.height = height
         self.rate_hz = rate_hz
-        rng = DrawKey(world.seed, sensor, 0).generator("textures")
-        self._ground = ground_textures(rng)
+        draw = DrawKey(world.seed, sensor, 0)
+        self._scenery = Scenery(draw.generator("scenery"))
+        self._lens = draw_lens(draw.generator("lens"), width * height * 3)
+        self._horizon = float(draw.generator("mount").uniform(0.40, 0.52)) * height
 
     def frames(self) -> Iterator[Frame]:
         """Yield every frame of the drive."""
@@ -62,23 +63,15 @@ class WorldCamera:
 
     def view(self, t_s: float) -> View:
         """Return the camera's pose and projection at ``t_s`` seconds from the start."""
-        horizon = 0.46 * self.height
-        return mount(self.world.ego(t_s), MOUNT_X, MOUNT_Z, self.width, self.height, horizon)
+        ego = self.world.ego(t_s)
+        shake = 0.0012 * self.width * np.sin(9.0 * ego.s / 10) * min(ego.speed / 10, 1.0)
+        horizon = self._horizon + float(shake)
+        return mount(ego, MOUNT_X, MOUNT_Z, self.width, self.height, horizon)
 
     def frame(self, sequence: int) -> Frame:
         """Return frame ``sequence``."""
         t_s = self.time(sequence)
-        image = self._render(t_s)
-        noise = DrawKey(self.world.seed, self.sensor, sequence).generator("noise")
-        grain = noise.normal(0, 1.5, image.shape).astype(np.float32)
-        image = np.clip(np.rint(image + grain), 0, 255).astype(np.uint8)
+        canvas = paint(self.world, self._scenery, self.view(t_s), t_s)
+        rng = DrawKey(self.world.seed, self.sensor, sequence).generator("noise")
+        image = expose(canvas, self._lens, rng)
         return Frame(image, self.sensor, sequence, EPOCH_NS + round(t_s * 1e9), "simulated")
-
-    def _render(self, t_s: float) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-        view = self.view(t_s)
-        image = np.empty((self.height, self.width, 3), np.uint8)
-        rows = np.arange(self.height, dtype=np.float32)[:, None, None] / view.horizon
-        image[:] = np.clip((220, 170, 130) + rows * (20, 55, 90), 0, 255).astype(np.uint8)
-        paint_ground(image, view, strip(view, self.world.route), self.world.route, self._ground)
-        paint_things(image, view, self.world.objects(t_s))
-        return np.asarray(cv2.GaussianBlur(image, (0, 0), 0.6), np.uint8)

@@ -1,144 +1,255 @@
-"""The ground: road, pavement, grass, markings, with texture in perspective."""
+"""The ground: road, pavement, grass, markings and shadows, with texture in perspective."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from models.world.objects import Floats
+from models.world.objects import Floats, Kind, Objects
+from models.world.render.canvas import Canvas, clip_near, fill
 from models.world.render.textures import Image, asphalt, grass, stains
-from models.world.render.view import Strip, View
+from models.world.render.view import Strip
 from models.world.route import LANE, Land, Route
-from models.world.scenery import PARKING, PAVEMENT
+from models.world.scenery import PARKING, PAVEMENT, SIDE_STREET
+
+INSIDE = 0.40
+"""Factor on coded radiance inside a tunnel."""
 
 _SHIFT = 4
-_BANDS = 1.45
-_FINE = 10.24
-_COARSE = (256.0, 32.0)
+_BAND = 1.35
+_FINE_M, _COARSE_M = (10.24, 10.24), (256.0, 32.0)
+_MARKED_M = 120.0
+_EDGE = 0.07
 
-GRASS, CONCRETE, ASPHALT, PAINT = (52, 92, 84), (138, 140, 142), (104, 104, 102), (215, 218, 220)
+_GRASS, _PAVEMENT, _ASPHALT = (58, 98, 90), (146, 149, 152), (112, 112, 110)
+_PARKING_STRIP, _PAINT = (104, 104, 103), (206, 210, 212)
+_SHADE = 0.56
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class GroundTextures:
-    """Factor textures: fine ones of ``_FINE`` m square, a coarse one of ``_COARSE`` m."""
+    """Factor textures of one world, each at every size that was asked for."""
 
-    asphalt: Image
-    grass: Image
-    stains: Image
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._full = {
+            "asphalt": asphalt(rng), "grass": grass(rng), "stains": stains(rng, 1024, 256)
+        }  # fmt: skip
+        self._small: dict[tuple[str, int, int], Image] = {}
 
-
-def ground_textures(rng: np.random.Generator) -> GroundTextures:
-    """Return the textures of one world."""
-    return GroundTextures(asphalt(rng), grass(rng), stains(rng, 1024, 256))
+    def sized(self, name: str, height: float, width: float) -> Image:
+        """Return a texture averaged down to about ``height`` x ``width`` pixels."""
+        full = self._full[name]
+        size = tuple(
+            int(np.clip(2 ** (np.rint(2 * np.log2(max(wanted, 1.0))) / 2), 1, most))
+            for wanted, most in zip((height, width), full.shape, strict=True)
+        )
+        key = (name, size[0], size[1])
+        if key not in self._small:
+            self._small[key] = np.asarray(
+                cv2.resize(full, size[::-1], interpolation=cv2.INTER_AREA), np.uint8
+            )
+        return self._small[key]
 
 
 def paint_ground(
-    image: Image, view: View, strip: Strip, route: Route, textures: GroundTextures
+    canvas: Canvas, strip: Strip, route: Route, textures: GroundTextures, objects: Objects
 ) -> None:
-    """Paint everything below the horizon into ``image``."""
+    """Paint everything below the horizon."""
     if len(strip.row) < 2:
         return
     top = int(strip.row[0])
-    image[top:] = GRASS
-    paved = np.zeros(image.shape[:2], np.uint8)
-    _zones(image, paved, view, strip, route)
-    _markings(image, view, strip, route)
-    _texture(image, paved, view, strip, textures)
+    canvas.image[max(int(canvas.view.horizon), 0) :] = _GRASS
+    paved = np.zeros(canvas.image.shape[:2], np.uint8)
+    _zones(canvas, paved, strip, route)
+    _side_streets(canvas, paved, strip, route)
+    _markings(canvas, strip, route)
+    _texture(canvas, paved, strip, textures)
+    _shadows(canvas, objects)
+    _tunnel(canvas, strip, route)
+    _haze(canvas, strip, top)
 
 
-def _fill(
-    image: Image, view: View, strip: Strip, left: Floats, right: Floats, colour: tuple[int, ...]
+def _fill_along(
+    image: Image, canvas: Canvas, strip: Strip, left: Floats, right: Floats, colour: tuple[int, ...]
 ) -> None:
-    """Fill between two lateral offsets, (m,) each."""
-    limit = 4.0 * view.width
-    a = np.clip(strip.column(view, left), -limit, limit)
-    b = np.clip(strip.column(view, right), -limit, limit)
-    outline = np.concatenate([np.stack([a, strip.row], 1), np.stack([b, strip.row], 1)[::-1]])
-    points = np.rint(outline * 2**_SHIFT).astype(np.int32)
+    """Fill between two lateral offsets, one of each a row."""
+    limit = 4.0 * canvas.view.width
+    a = np.clip(strip.column(canvas.view, left), -limit, limit)
+    b = np.clip(strip.column(canvas.view, right), -limit, limit)
+    columns, rows = np.concatenate([a, b[::-1]]), np.concatenate([strip.row, strip.row[::-1]])
+    points = np.rint(np.stack([columns, rows], 1) * 2**_SHIFT).astype(np.int32)
     cv2.fillPoly(image, [points], colour, cv2.LINE_AA, _SHIFT)
 
 
-def _zones(image: Image, paved: Image, view: View, strip: Strip, route: Route) -> None:
+def _zones(canvas: Canvas, paved: Image, strip: Strip, route: Route) -> None:
     """Paint pavement, parking strips and carriageway; mark in ``paved`` what is paved."""
-    land = route.land[route.index(strip.s)]
+    town = route.land[route.index(strip.s)] == Land.CITY
     outer = route.lookup(route.outer, strip.s)
-    town = land == Land.CITY
-    beyond = np.where(town, PARKING + PAVEMENT, 1.2)
-    for canvas, colour in ((image, CONCRETE), (paved, (255,))):
-        _fill(canvas, view, strip, outer + beyond, -outer - beyond, colour)
-    shoulder = np.where(town, PARKING, 0.9)
-    _fill(image, view, strip, outer + shoulder, -outer - shoulder, ASPHALT)
+    beyond = outer + np.where(town, PARKING + PAVEMENT, 1.4)
+    kerb = outer + np.where(town, PARKING, 1.0)
+    for image, colour in ((canvas.image, _PAVEMENT), (paved, (255,))):
+        _fill_along(image, canvas, strip, beyond, -beyond, colour)
+    _fill_along(canvas.image, canvas, strip, kerb, -kerb, _PARKING_STRIP)
+    _fill_along(canvas.image, canvas, strip, outer, -outer, _ASPHALT)
+    edge = np.where(town, 0.16, 0.0)
+    for side in (1.0, -1.0):
+        one, other = sorted((side * kerb[0], side * (kerb + edge)[0]))
+        del one, other
+        _fill_along(canvas.image, canvas, strip, side * (kerb + edge), side * kerb, (168, 170, 172))
 
 
-def _markings(image: Image, view: View, strip: Strip, route: Route) -> None:
-    """Paint edge lines, centre line and lane lines, dashed where they are."""
-    inner = route.lookup(route.inner, strip.s)
-    outer = route.lookup(route.outer, strip.s)
-    half = 0.07
-    for d in (outer, -outer, inner, -inner):
-        _fill(image, view, strip, d + half, d - half, PAINT)
+def _on_ground(canvas: Canvas, route: Route, s: Floats, d: Floats) -> tuple[Floats, Floats] | None:
+    """Return image columns and rows of a polygon on the road; None where it is out of sight."""
+    x, y, _ = route.place(s, d)
+    return _projected(canvas, x, y)
+
+
+def _projected(canvas: Canvas, x: Floats, y: Floats) -> tuple[Floats, Floats] | None:
+    """Return image columns and rows of a polygon on the ground, world coordinates."""
+    ahead, left = canvas.view.to_camera(x, y)
+    if ahead.max() < 1.0:
+        return None
+    ahead, left, up = clip_near(ahead, left, np.zeros(len(ahead)))
+    return canvas.view.project(ahead, left, up) if len(ahead) > 2 else None
+
+
+def _side_streets(canvas: Canvas, paved: Image, strip: Strip, route: Route) -> None:
+    """Paint side streets, stop lines and crosswalks at the junctions ahead."""
+    near = np.abs(route.junctions - canvas.view.s - 70) < 80
+    for junction in route.junctions[near]:
+        outer = float(route.lookup(route.outer, np.asarray(junction)))
+        for side in (1.0, -1.0):
+            s = junction + (SIDE_STREET - 1) * np.array([-1.0, -1.0, 1.0, 1.0])
+            d = side * (outer + np.array([-0.5, 60.0, 60.0, -0.5]))
+            where = _on_ground(canvas, route, s, d)
+            if where is not None:
+                fill(canvas.image, *where, _ASPHALT)
+                fill(paved, *where, (255,))
+        if canvas.view.s - 10 < junction < canvas.view.s + _MARKED_M:
+            _crosswalk(canvas, route, float(junction), outer)
+
+
+def _crosswalk(canvas: Canvas, route: Route, junction: float, outer: float) -> None:
+    """Paint the bars of a crosswalk and the stop line before it."""
+    for place in (junction - SIDE_STREET - 1.5, junction + SIDE_STREET + 1.5):
+        for d in np.arange(-outer + 0.4, outer - 0.4, 1.0):
+            s = place + np.array([-1.4, 1.4, 1.4, -1.4])
+            where = _on_ground(canvas, route, s, d + np.array([0.0, 0.0, 0.5, 0.5]))
+            if where is not None:
+                canvas.fill(*where, _PAINT)
+    s = junction - SIDE_STREET - 4.0 + np.array([-0.2, 0.2, 0.2, -0.2])
+    where = _on_ground(canvas, route, s, np.array([0.0, 0.0, -outer, -outer]))
+    if where is not None:
+        canvas.fill(*where, _PAINT)
+
+
+def _markings(canvas: Canvas, strip: Strip, route: Route) -> None:
+    """Paint edge lines, centre line and the dashes between lanes, away from junctions."""
+    inner, outer = route.lookup(route.inner, strip.s), route.lookup(route.outer, strip.s)
+    gap = np.zeros(len(strip.s), bool)
+    if len(route.junctions):
+        gap = np.abs(strip.s[:, None] - route.junctions).min(axis=1) < SIDE_STREET + 4
+    width = np.where(gap, 0.0, _EDGE)
+    double = np.maximum(inner, 0.12)
+    for d in (outer - 0.1, 0.1 - outer, double, -double):
+        _fill_along(canvas.image, canvas, strip, d + width, d - width, _PAINT)
     first = np.floor(strip.s.min() / 12) * 12
-    for start in np.arange(first, min(strip.s.max(), view.s + 120), 12.0):
-        _dash(image, view, strip, route, start, start + 4.0, half)
+    for start in np.arange(first, min(strip.s.max(), canvas.view.s + _MARKED_M), 12.0):
+        s = start + np.array([0.0, 4.0, 4.0, 0.0])
+        inside = route.lookup(route.inner, s)
+        if np.any(route.lookup(route.outer, s) - inside < 1.8 * LANE):
+            continue
+        for side in (-1.0, 1.0):
+            d = side * (inside + LANE) + _EDGE * np.array([1.0, 1.0, -1.0, -1.0])
+            where = _on_ground(canvas, route, s, d)
+            if where is not None:
+                canvas.fill(*where, _PAINT)
 
 
-def _dash(
-    image: Image, view: View, strip: Strip, route: Route, start: float, end: float, half: float
-) -> None:
-    """Paint one dash of the lane lines where there are two lanes."""
-    s = np.array([start, end, end, start])
-    inner = route.lookup(route.inner, s)
-    if np.any(route.lookup(route.outer, s) - inner < 1.8 * LANE):
-        return
-    for side in (-1.0, 1.0):
-        d = side * (inner + LANE) + half * np.array([1, 1, -1, -1])
-        x, y, _ = route.place(s, d)
-        ahead, left = view.to_camera(x, y)
-        if ahead.min() > 1.0:
-            u, v = view.project(ahead, left, np.zeros(4))
-            points = np.rint(np.stack([u, v], 1) * 2**_SHIFT).astype(np.int32)
-            cv2.fillConvexPoly(image, points, PAINT, cv2.LINE_AA, _SHIFT)
-
-
-def _texture(
-    image: Image, paved: Image, view: View, strip: Strip, textures: GroundTextures
-) -> None:
+def _texture(canvas: Canvas, paved: Image, strip: Strip, textures: GroundTextures) -> None:
     """Multiply the ground with its textures, each averaged over what a pixel covers."""
-    column = np.arange(view.width, dtype=np.float32)
+    view = canvas.view
+    column = ((view.width / 2 - np.arange(view.width)) / view.focal).astype(np.float32)
     start = 0
     while start < len(strip.row):
-        limit = strip.ahead[start] / _BANDS
+        limit = strip.ahead[start] / _BAND
         end = start + max(int(np.searchsorted(-strip.ahead[start:], -limit)), 1)
-        band = slice(start, end)
-        ahead = float(strip.ahead[band].mean())
-        across, along = ahead / view.focal, ahead**2 / (view.focal * view.above)
-        d = (
-            (view.width / 2 - column) * (strip.ahead[band] / view.focal)[:, None]
-            - strip.centre[band, None]
-        ) * strip.slope[band, None]
-        s = np.broadcast_to(strip.s[band, None], d.shape)
+        ahead, centre, slope, s = (
+            table[start:end, None].astype(np.float32)
+            for table in (strip.ahead, strip.centre, strip.slope, strip.s)
+        )
+        d = (column * ahead - centre) * slope
+        middle = float(ahead.mean())
+        pixel = middle**2 / (view.focal * view.above), middle / view.focal
         rows = slice(int(strip.row[start]), int(strip.row[start]) + end - start)
-        road = _sample(textures.asphalt, (_FINE, _FINE), s, d, along, across)
-        field = _sample(textures.grass, (_FINE, _FINE), s, d, along, across)
+        field = _sample(textures, "grass", _FINE_M, s, d, pixel)
+        road = _sample(textures, "asphalt", _FINE_M, s, d, pixel)
         cv2.copyTo(road, paved[rows], field)
-        coarse = _sample(textures.stains, _COARSE, s, d, along, across)
+        coarse = _sample(textures, "stains", _COARSE_M, s, d, pixel)
         factor = cv2.multiply(field, coarse, scale=1 / 128)
-        image[rows] = cv2.multiply(image[rows], cv2.merge([factor] * 3), scale=1 / 128)
+        part = canvas.image[rows]
+        cv2.multiply(part, cv2.merge([factor, factor, factor]), dst=part, scale=1 / 128)
         start = end
 
 
 def _sample(
-    texture: Image, size: tuple[float, float], s: Floats, d: Floats, along: float, across: float
+    textures: GroundTextures,
+    name: str,
+    size: tuple[float, float],
+    s: np.ndarray[tuple[int, ...], np.dtype[np.float32]],
+    d: np.ndarray[tuple[int, ...], np.dtype[np.float32]],
+    pixel: tuple[float, float],
 ) -> Image:
-    """Return a texture of ``size`` m (along, across) at road positions, averaged over pixels."""
-    height = int(np.clip(size[0] / along, 1, texture.shape[0]))
-    width = int(np.clip(size[1] / across, 1, texture.shape[1]))
-    small = cv2.resize(texture, (width, height), interpolation=cv2.INTER_AREA)
-    x = np.mod(d * (width / size[1]), width).astype(np.float32)
-    y = np.mod(s * (height / size[0]), height).astype(np.float32)
+    """Return a texture of ``size`` m (along, across) at road positions (rows, columns)."""
+    small = textures.sized(name, size[0] / pixel[0], size[1] / pixel[1])
+    x = d * np.float32(small.shape[1] / size[1])
+    y = np.broadcast_to(np.mod(s, np.float32(size[0])) * np.float32(small.shape[0] / size[0]),
+                        d.shape)
     return np.asarray(
-        cv2.remap(small, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP), np.uint8
+        cv2.remap(small, x, np.ascontiguousarray(y), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP),
+        np.uint8,
     )
+
+
+def _shadows(canvas: Canvas, objects: Objects) -> None:
+    """Darken the ground where objects keep the sun off, and below vehicles in any light."""
+    sx, sy, sz = canvas.light.sun
+    mask = np.zeros(canvas.image.shape[:2], np.uint8)
+    ahead, _ = canvas.view.to_camera(objects.x, objects.y)
+    standing = objects.kind != Kind.GANTRY
+    for i in np.flatnonzero((ahead > -40) & (ahead < 110) & standing):
+        corners = objects[np.array([i])].corners()[0]
+        vehicle = objects.kind[i] in (Kind.CAR, Kind.VAN, Kind.TRUCK)
+        if vehicle and ahead[i] > 0:
+            _darken(canvas, mask, corners, 200)
+        if canvas.light.direct > 0.3:
+            reach = objects.height[i] * np.array([-sx, -sy]) / sz
+            hull = cv2.convexHull(np.concatenate([corners, corners + reach]).astype(np.float32))
+            strength = 150 if objects.kind[i] == Kind.TREE else 255
+            _darken(canvas, mask, hull[:, 0].astype(float), strength)
+    mask = cv2.blur(mask, (3, 3))
+    factor = cv2.convertScaleAbs(mask, alpha=-(1 - _SHADE) * 128 / 255, beta=128)
+    cv2.multiply(canvas.image, cv2.merge([factor] * 3), dst=canvas.image, scale=1 / 128)
+
+
+def _darken(canvas: Canvas, mask: Image, corners: Floats, strength: int) -> None:
+    """Fill a polygon on the ground (world coordinates) in the mask of shadows."""
+    where = _projected(canvas, corners[:, 0], corners[:, 1])
+    if where is not None:
+        fill(mask, *where, (strength,))
+
+
+def _tunnel(canvas: Canvas, strip: Strip, route: Route) -> None:
+    """Darken the ground inside tunnels."""
+    inside = route.tunnel[route.index(strip.s)]
+    for run in np.split(np.arange(len(inside)), np.flatnonzero(np.diff(inside)) + 1):
+        if inside[run[0]]:
+            rows = canvas.image[int(strip.row[run[0]]) : int(strip.row[run[-1]]) + 1]
+            cv2.convertScaleAbs(rows, dst=rows, alpha=INSIDE)
+
+
+def _haze(canvas: Canvas, strip: Strip, top: int) -> None:
+    """Fade the far ground into the haze."""
+    far = strip.ahead > 30
+    share = (1 - np.exp(-strip.ahead[far] / canvas.light.haze_m))[:, None, None]
+    rows = canvas.image[top : top + len(share)]
+    rows[:] = (rows * (1 - share) + np.asarray(canvas.light.horizon) * share).astype(np.uint8)

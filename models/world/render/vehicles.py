@@ -1,0 +1,208 @@
+"""Vehicles: a body of shaded faces with glass, wheels, lamps and a plate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import lru_cache
+
+import numpy as np
+
+from models.world.objects import Floats, Kind, Objects
+from models.world.render.canvas import NEAREST, Canvas
+
+Point = tuple[float, float, float]
+
+
+class Part(IntEnum):
+    """What a face of the body is."""
+
+    PAINT = 0
+    GLASS = 1
+    TYRE = 2
+    RIM = 3
+    TRIM = 4
+    REAR_LAMP = 5
+    FRONT_LAMP = 6
+    PLATE = 7
+
+
+_TINTS = np.array(
+    [
+        (0, 0, 0), (80, 72, 62), (36, 35, 34), (128, 128, 128), (52, 51, 50),
+        (48, 42, 170), (238, 238, 234), (198, 206, 210),
+    ],
+    float,
+)  # fmt: skip
+_BRAKING = (110.0, 90.0, 252.0)
+_PAINTS = np.array(
+    [
+        (186, 187, 188), (52, 51, 50), (112, 112, 112), (158, 158, 157), (96, 60, 40),
+        (52, 44, 132), (70, 74, 78), (140, 132, 122), (60, 80, 60), (174, 184, 190),
+    ],
+    float,
+)  # fmt: skip
+_DETAIL_PIXELS = 14.0
+
+_OUTLINES = {
+    Kind.CAR: (
+        (0.50, 0.16), (0.50, 0.50), (0.47, 0.57), (0.24, 0.66), (0.06, 0.97),
+        (-0.27, 1.00), (-0.44, 0.68), (-0.49, 0.62), (-0.50, 0.18),
+    ),
+    Kind.VAN: (
+        (0.50, 0.12), (0.50, 0.40), (0.46, 0.47), (0.37, 0.54), (0.24, 0.97),
+        (-0.46, 1.00), (-0.49, 0.54), (-0.495, 0.46), (-0.50, 0.12),
+    ),
+    Kind.TRUCK: (
+        (0.50, 0.10), (0.50, 0.34), (0.498, 0.37), (0.495, 0.42), (0.48, 0.95),
+        (-0.498, 1.00), (-0.499, 0.42), (-0.4995, 0.36), (-0.50, 0.14),
+    ),
+}  # fmt: skip
+"""Side view (x, z), from the foot of the front over the roof to the foot of the rear; the
+greenhouse stands on the fourth and the seventh point."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Face:
+    """One polygon of a body of unit size: x −½…½ ahead, y −½…½ left, z 0…1 up.
+
+    Attributes
+    ----------
+    corners:
+        (n, 3).
+    normal:
+        (3,) in units of the body's own size (scale by 1/size before use).
+    part:
+        What it is.
+    detail:
+        Whether it is left out from afar.
+    """
+
+    corners: Floats
+    normal: Floats
+    part: Part
+    detail: bool
+
+
+def _face(corners: Sequence[Point], part: Part, detail: bool = False) -> Face:
+    """Return a face, its normal turned outward."""
+    points = np.array(corners)
+    normal = np.cross(points[1] - points[0], points[2] - points[0])
+    outward = points.mean(axis=0) - (0, 0, 0.45)
+    return Face(points, normal if normal @ outward > 0 else -normal, part, detail)
+
+
+@lru_cache(maxsize=len(_OUTLINES))
+def _body(kind: Kind) -> tuple[Face, ...]:
+    """Return the faces of a kind of vehicle, those that lie on others last."""
+    outline = _OUTLINES[kind]
+    roof = 0.41 if kind == Kind.CAR else 0.485
+    half = [roof if place in (4, 5) else 0.5 for place in range(len(outline))]
+    faces = []
+    for place in range(len(outline) - 1):
+        (x, z), (x2, z2) = outline[place], outline[place + 1]
+        glass = place == 3 or (place == 5 and kind == Kind.CAR)
+        ring = [(x, -half[place], z), (x, half[place], z),
+                (x2, half[place + 1], z2), (x2, -half[place + 1], z2)]  # fmt: skip
+        faces.append(_face(ring, Part.GLASS if glass else Part.PAINT))
+    for side in (1.0, -1.0):
+        lower = [outline[place] for place in (0, 1, 2, 3, 6, 7, 8)]
+        faces.append(_face([(x, side * 0.5, z) for x, z in lower], Part.PAINT))
+        upper = [(outline[place][0], side * half[place], outline[place][1])
+                 for place in (3, 4, 5, 6)]  # fmt: skip
+        faces.append(_face(upper, Part.GLASS if kind == Kind.CAR else Part.PAINT))
+        faces += _side_details(kind, side)
+    faces += _end_details(kind)
+    return tuple(faces)
+
+
+def _side_details(kind: Kind, side: float) -> Iterable[Face]:
+    """Yield pillars, side windows and wheels of one side."""
+    if kind == Kind.CAR:
+        for x in (-0.02, -0.26):
+            pillar = [(x, 0.5, 0.67), (x + 0.03, 0.5, 0.67), (x, 0.41, 0.99), (x - 0.03, 0.41, 0.99)]
+            yield _face([(a, side * b, c) for a, b, c in pillar], Part.PAINT, True)
+    else:
+        window = [(0.36, 0.56), (0.25, 0.92), (0.12, 0.92), (0.12, 0.56)]
+        if kind == Kind.TRUCK:
+            window = [(0.485, 0.45), (0.478, 0.68), (0.42, 0.68), (0.42, 0.45)]
+        yield _face([(x, side * 0.503, z) for x, z in window], Part.GLASS, True)
+    radius = 0.22 if kind == Kind.CAR else 0.17
+    long = {Kind.CAR: 0.072, Kind.VAN: 0.065, Kind.TRUCK: 0.045}[kind]
+    turn = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    for x in (0.31, -0.31):
+        for share, part in ((1.0, Part.TYRE), (0.55, Part.RIM)):
+            ring = [
+                (x + share * long * float(np.cos(a)), side * 0.51,
+                 radius * (1 + share * float(np.sin(a)))) for a in turn
+            ]  # fmt: skip
+            yield _face(ring, part, share < 1)
+
+
+def _end_details(kind: Kind) -> Iterable[Face]:
+    """Yield bumpers, lamps, plates and the rear window of a van."""
+    for x in (0.502, -0.502):
+        rear = x < 0
+        yield _face(_patch(x, -0.47, 0.47, 0.15, 0.25), Part.TRIM)
+        if kind != Kind.CAR and rear:
+            yield _face(_patch(x, -0.4, 0.4, 0.58, 0.88), Part.GLASS if kind == Kind.VAN
+                        else Part.PAINT, True)
+        low, high = ((0.48, 0.60) if rear else (0.40, 0.49)) if kind == Kind.CAR else (0.26, 0.38)
+        for side in (1.0, -1.0):
+            lamp = Part.REAR_LAMP if rear else Part.FRONT_LAMP
+            yield _face(_patch(x, side * 0.31, side * 0.48, low, high), lamp)
+        if not rear:
+            yield _face(_patch(x, -0.25, 0.25, 0.30, 0.42), Part.TRIM, True)
+        yield _face(_patch(x * 1.002, -0.14, 0.14, 0.30, 0.38), Part.PLATE, True)
+
+
+def _patch(x: float, y: float, y2: float, z: float, z2: float) -> list[Point]:
+    """Return an upright rectangle across the body."""
+    return [(x, y, z), (x, y2, z), (x, y2, z2), (x, y, z2)]
+
+
+def paint_vehicle(canvas: Canvas, objects: Objects, i: int, braking: bool, dim: float) -> None:
+    """Paint vehicle ``i``; ``dim`` is the factor on the light where it is."""
+    view = canvas.view
+    heading = objects.heading[i] - view.heading
+    cos, sin = np.cos(heading), np.sin(heading)
+    size = np.array([objects.length[i], objects.width[i], objects.height[i]])
+    place = np.array([*view.to_camera(objects.x[i], objects.y[i]), objects.z[i]], float)
+    if place[0] - size[0] / 2 < NEAREST - 1.0:
+        return
+    tall = view.focal * size[2] / max(place[0], 1.0)
+    turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1.0]])
+    eye = turn.T @ (np.array([0, 0, view.above]) - place)
+    paint = _PAINTS[int(objects.look[i]) % len(_PAINTS)]
+    if objects.kind[i] == Kind.TRUCK:
+        paint = _PAINTS[int(objects.look[i]) % 2 * 3]
+    for face in _body(Kind(objects.kind[i])):
+        if face.detail and tall < _DETAIL_PIXELS:
+            continue
+        corners = face.corners * size
+        normal = face.normal / size
+        if normal @ (eye - corners[0]) <= 0:
+            continue
+        normal = turn @ (normal / np.linalg.norm(normal))
+        colour = _colour(canvas, face.part, paint, normal, braking) * dim
+        hazed = canvas.light.hazed(colour, place[0])
+        x, y, z = (corners @ turn.T + place).T
+        canvas.face(x, y, z, hazed)
+
+
+def _colour(
+    canvas: Canvas, part: Part, paint: Floats, normal: Floats, braking: bool
+) -> Floats:
+    """Return the coded radiance of a face whose normal is given in camera axes."""
+    if part == Part.REAR_LAMP and braking:
+        return np.array(_BRAKING)
+    base = paint if part == Part.PAINT else _TINTS[part]
+    cos, sin = np.cos(canvas.view.heading), np.sin(canvas.view.heading)
+    nx, ny = normal[0] * cos - normal[1] * sin, normal[0] * sin + normal[1] * cos
+    lit = base * canvas.light.on(nx, ny, normal[2])
+    if part in (Part.GLASS, Part.PAINT):
+        mirror = 0.30 if part == Part.GLASS else 0.08
+        lit = lit + mirror * max(normal[2], 0.0) * np.asarray(canvas.light.zenith)
+    result: Floats = np.asarray(lit, float)
+    return result
