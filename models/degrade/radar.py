@@ -94,6 +94,7 @@ def draw(
     *,
     snr_drop_db: float = 10.0,
     quality: Quality = "frozen",
+    ghost_life: int = 1,
 ) -> RadarDegradation:
     """Draw the parameters of one degradation of one scan.
 
@@ -110,6 +111,8 @@ def draw(
     quality:
         ``"frozen"``: a cluster keeps the quality that the sensor gave it. ``"consistent"``:
         they follow the new ratio, see ``models.degrade.clusters.consistent_quality``.
+    ghost_life:
+        For how many scans the same ghosts appear.
 
     Raises
     ------
@@ -120,9 +123,13 @@ def draw(
     check_within("snr_drop_db", snr_drop_db, 0.0, 300.0, "dB")
     if quality not in ("frozen", "consistent"):
         raise InputError(f"quality {quality!r}", "unknown", "frozen or consistent")
-    generator = key.generator(f"radar {kind}")
-    seed = int(generator.bit_generator.random_raw())
-    ghosts = _draw_ghosts(generator) if kind in ("snr", "ghosts") and level > 0 else ()
+    if ghost_life < 1:
+        raise InputError("ghost_life", f"{ghost_life} scans", "1 or more")
+    seed = int(key.generator(f"radar {kind}").bit_generator.random_raw())
+    ghosts: tuple[Ghost, ...] = ()
+    if kind in ("snr", "ghosts") and level > 0:
+        life = DrawKey(key.seed, key.sensor, key.sequence // ghost_life)
+        ghosts = _draw_ghosts(life.generator(f"radar ghosts of {kind}"))
     return RadarDegradation(kind, level, level / 100 * snr_drop_db, seed, ghosts, quality)
 
 
