@@ -106,26 +106,44 @@ def paint_facades(canvas: Canvas, facades: Facades, objects: Objects, i: int, di
             continue
         normal = normal / np.hypot(*normal)
         cos, sin = np.cos(view.heading), np.sin(view.heading)
-        lit = float(canvas.light.on(
-            np.asarray(normal[0] * cos - normal[1] * sin),
-            np.asarray(normal[0] * sin + normal[1] * cos), np.asarray(0.0)))
-        _face(canvas, facades.tiles[number], a, b, float(objects.height[i]), lit * dim,
-              float(look % 97) / 97)
+        lit = float(
+            canvas.light.on(
+                np.asarray(normal[0] * cos - normal[1] * sin),
+                np.asarray(normal[0] * sin + normal[1] * cos),
+                np.asarray(0.0),
+            )
+        )
+        _face(
+            canvas,
+            facades.tiles[number],
+            a,
+            b,
+            float(objects.height[i]),
+            lit * dim,
+            float(look % 97) / 97,
+        )
 
 
 def _face(
-    canvas: Canvas, pyramid: tuple[Image, ...], a: Floats, b: Floats, tall: float, lit: float,
+    canvas: Canvas,
+    pyramid: tuple[Image, ...],
+    a: Floats,
+    b: Floats,
+    tall: float,
+    lit: float,
     shift: float,
 ) -> None:
     """Paint one upright face from ``a`` to ``b`` (ahead, left; m)."""
     view = canvas.view
     length = float(np.hypot(*(b - a)))
-    cut = np.clip([(NEAREST - a[0]) / (b[0] - a[0] + 1e-9), 1.0], 0, 1)[0] if a[0] < NEAREST else 0.0
+    cut = (
+        np.clip([(NEAREST - a[0]) / (b[0] - a[0] + 1e-9), 1.0], 0, 1)[0] if a[0] < NEAREST else 0.0
+    )
     end = (NEAREST - a[0]) / (b[0] - a[0]) if b[0] < NEAREST else 1.0
     span = np.array([cut, end, end, cut])
     ahead, left = a[0] + span * (b[0] - a[0]), a[1] + span * (b[1] - a[1])
     up = np.array([0.0, 0.0, tall, tall])
-    u, v = view.project(ahead, left, up)
+    u, v = view.pixels(np.stack([ahead, left, up], axis=1)).T
     x0, x1 = int(max(np.floor(u.min()), 0)), int(min(np.ceil(u.max()) + 1, view.width))
     y0, y1 = int(max(np.floor(v.min()), 0)), int(min(np.ceil(v.max()) + 1, view.height))
     if x1 - x0 < 1 or y1 - y0 < 1:
@@ -140,12 +158,15 @@ def _face(
     target = np.stack([u - x0, v - y0], axis=1)
     transform = cv2.getPerspectiveTransform(target.astype(np.float32), source.astype(np.float32))
     patch = cv2.warpPerspective(
-        tile, transform, (x1 - x0, y1 - y0), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        tile,
+        transform,
+        (x1 - x0, y1 - y0),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_WRAP,
     )
     haze = 1 - np.exp(-float(ahead.mean()) / canvas.light.haze_m)
     patch = cv2.convertScaleAbs(patch, alpha=lit * (1 - haze))
     patch = cv2.add(patch, (*(haze * c for c in canvas.light.horizon), 0.0))
     mask = np.zeros(patch.shape[:2], np.uint8)
-    fill(mask, target[:, 0], target[:, 1], (255,))
+    fill(mask, target, (255,))
     cv2.copyTo(patch, mask, canvas.image[y0:y1, x0:x1])

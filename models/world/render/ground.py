@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from models.world.objects import Floats, Kind, Objects
-from models.world.render.canvas import Canvas, clip_near, fill
+from models.world.objects import VEHICLES, Floats, Kind, Objects
+from models.world.render.canvas import NEAREST, Canvas, clip_near, fill, fill_any
 from models.world.render.textures import Image, asphalt, grass, stains
 from models.world.render.view import Strip
 from models.world.route import LANE, Land, Route
@@ -16,14 +17,21 @@ INSIDE = 0.40
 """Factor on coded radiance inside a tunnel."""
 
 _SHIFT = 4
-_BAND = 1.35
+_BAND = 1.45
 _FINE_M, _COARSE_M = (10.24, 10.24), (256.0, 32.0)
 _MARKED_M = 120.0
 _EDGE = 0.07
 
 _GRASS, _PAVEMENT, _ASPHALT = (58, 98, 90), (146, 149, 152), (112, 112, 110)
 _PARKING_STRIP, _PAINT = (104, 104, 103), (206, 210, 212)
+_KERB = (168, 170, 172)
 _SHADE = 0.56
+_GANTRY, _TREE = int(Kind.GANTRY), int(Kind.TREE)
+_VEHICLE = np.isin(np.arange(len(Kind)), VEHICLES)
+_LARGE = _VEHICLE | np.isin(np.arange(len(Kind)), (Kind.BUILDING, Kind.TREE))
+
+
+Singles = NDArray[np.float32]
 
 
 class GroundTextures:
@@ -36,7 +44,10 @@ class GroundTextures:
         self._small: dict[tuple[str, int, int], Image] = {}
 
     def sized(self, name: str, height: float, width: float) -> Image:
-        """Return a texture averaged down to about ``height`` x ``width`` pixels."""
+        """Return a texture averaged down to about ``height`` x ``width`` pixels.
+
+        The first row and column come again at the end, so that it can be tiled.
+        """
         full = self._full[name]
         size = tuple(
             int(np.clip(2 ** (np.rint(2 * np.log2(max(wanted, 1.0))) / 2), 1, most))
@@ -44,9 +55,8 @@ class GroundTextures:
         )
         key = (name, size[0], size[1])
         if key not in self._small:
-            self._small[key] = np.asarray(
-                cv2.resize(full, size[::-1], interpolation=cv2.INTER_AREA), np.uint8
-            )
+            small = cv2.resize(full, size[::-1], interpolation=cv2.INTER_AREA)
+            self._small[key] = np.pad(small.astype(np.uint8), ((0, 1), (0, 1)), mode="wrap")
         return self._small[key]
 
 
@@ -57,7 +67,8 @@ def paint_ground(
     if len(strip.row) < 2:
         return
     top = int(strip.row[0])
-    canvas.image[max(int(canvas.view.horizon), 0) :] = _GRASS
+    corner = (canvas.view.width, canvas.view.height)
+    cv2.rectangle(canvas.image, (0, max(int(canvas.view.horizon), 0)), corner, _GRASS, cv2.FILLED)
     paved = np.zeros(canvas.image.shape[:2], np.uint8)
     _zones(canvas, paved, strip, route)
     _side_streets(canvas, paved, strip, route)
@@ -76,8 +87,7 @@ def _fill_along(
     a = np.clip(strip.column(canvas.view, left), -limit, limit)
     b = np.clip(strip.column(canvas.view, right), -limit, limit)
     columns, rows = np.concatenate([a, b[::-1]]), np.concatenate([strip.row, strip.row[::-1]])
-    points = np.rint(np.stack([columns, rows], 1) * 2**_SHIFT).astype(np.int32)
-    cv2.fillPoly(image, [points], colour, cv2.LINE_AA, _SHIFT)
+    fill_any(image, np.stack([columns, rows], axis=1), colour)
 
 
 def _zones(canvas: Canvas, paved: Image, strip: Strip, route: Route) -> None:
@@ -92,24 +102,17 @@ def _zones(canvas: Canvas, paved: Image, strip: Strip, route: Route) -> None:
     _fill_along(canvas.image, canvas, strip, outer, -outer, _ASPHALT)
     edge = np.where(town, 0.16, 0.0)
     for side in (1.0, -1.0):
-        one, other = sorted((side * kerb[0], side * (kerb + edge)[0]))
-        del one, other
-        _fill_along(canvas.image, canvas, strip, side * (kerb + edge), side * kerb, (168, 170, 172))
+        _fill_along(canvas.image, canvas, strip, side * (kerb + edge), side * kerb, _KERB)
 
 
-def _on_ground(canvas: Canvas, route: Route, s: Floats, d: Floats) -> tuple[Floats, Floats] | None:
-    """Return image columns and rows of a polygon on the road; None where it is out of sight."""
+def _on_ground(canvas: Canvas, route: Route, s: Floats, d: Floats) -> Floats:
+    """Return the pixels, (n, 2), of a polygon on the road; none where it is out of sight."""
     x, y, _ = route.place(s, d)
-    return _projected(canvas, x, y)
-
-
-def _projected(canvas: Canvas, x: Floats, y: Floats) -> tuple[Floats, Floats] | None:
-    """Return image columns and rows of a polygon on the ground, world coordinates."""
     ahead, left = canvas.view.to_camera(x, y)
     if ahead.max() < 1.0:
-        return None
-    ahead, left, up = clip_near(ahead, left, np.zeros(len(ahead)))
-    return canvas.view.project(ahead, left, up) if len(ahead) > 2 else None
+        return np.empty((0, 2))
+    points = clip_near(np.stack([ahead, left, np.zeros(len(ahead))], axis=1))
+    return canvas.view.pixels(points)
 
 
 def _side_streets(canvas: Canvas, paved: Image, strip: Strip, route: Route) -> None:
@@ -121,9 +124,9 @@ def _side_streets(canvas: Canvas, paved: Image, strip: Strip, route: Route) -> N
             s = junction + (SIDE_STREET - 1) * np.array([-1.0, -1.0, 1.0, 1.0])
             d = side * (outer + np.array([-0.5, 60.0, 60.0, -0.5]))
             where = _on_ground(canvas, route, s, d)
-            if where is not None:
-                fill(canvas.image, *where, _ASPHALT)
-                fill(paved, *where, (255,))
+            if len(where):
+                fill(canvas.image, where, _ASPHALT)
+                fill(paved, where, (255,))
         if canvas.view.s - 10 < junction < canvas.view.s + _MARKED_M:
             _crosswalk(canvas, route, float(junction), outer)
 
@@ -134,12 +137,12 @@ def _crosswalk(canvas: Canvas, route: Route, junction: float, outer: float) -> N
         for d in np.arange(-outer + 0.4, outer - 0.4, 1.0):
             s = place + np.array([-1.4, 1.4, 1.4, -1.4])
             where = _on_ground(canvas, route, s, d + np.array([0.0, 0.0, 0.5, 0.5]))
-            if where is not None:
-                canvas.fill(*where, _PAINT)
+            if len(where):
+                fill(canvas.image, where, _PAINT)
     s = junction - SIDE_STREET - 4.0 + np.array([-0.2, 0.2, 0.2, -0.2])
     where = _on_ground(canvas, route, s, np.array([0.0, 0.0, -outer, -outer]))
-    if where is not None:
-        canvas.fill(*where, _PAINT)
+    if len(where):
+        fill(canvas.image, where, _PAINT)
 
 
 def _markings(canvas: Canvas, strip: Strip, route: Route) -> None:
@@ -161,8 +164,8 @@ def _markings(canvas: Canvas, strip: Strip, route: Route) -> None:
         for side in (-1.0, 1.0):
             d = side * (inside + LANE) + _EDGE * np.array([1.0, 1.0, -1.0, -1.0])
             where = _on_ground(canvas, route, s, d)
-            if where is not None:
-                canvas.fill(*where, _PAINT)
+            if len(where):
+                fill(canvas.image, where, _PAINT)
 
 
 def _texture(canvas: Canvas, paved: Image, strip: Strip, textures: GroundTextures) -> None:
@@ -181,9 +184,7 @@ def _texture(canvas: Canvas, paved: Image, strip: Strip, textures: GroundTexture
         middle = float(ahead.mean())
         pixel = middle**2 / (view.focal * view.above), middle / view.focal
         rows = slice(int(strip.row[start]), int(strip.row[start]) + end - start)
-        field = _sample(textures, "grass", _FINE_M, s, d, pixel)
-        road = _sample(textures, "asphalt", _FINE_M, s, d, pixel)
-        cv2.copyTo(road, paved[rows], field)
+        field = _surface(textures, paved[rows], s, d, pixel)
         coarse = _sample(textures, "stains", _COARSE_M, s, d, pixel)
         factor = cv2.multiply(field, coarse, scale=1 / 128)
         part = canvas.image[rows]
@@ -191,51 +192,70 @@ def _texture(canvas: Canvas, paved: Image, strip: Strip, textures: GroundTexture
         start = end
 
 
+def _surface(
+    textures: GroundTextures, paved: Image, s: Singles, d: Singles, pixel: tuple[float, float]
+) -> Image:
+    """Return asphalt where it is paved, grass elsewhere."""
+    share = cv2.countNonZero(paved)
+    if share == paved.size:
+        return _sample(textures, "asphalt", _FINE_M, s, d, pixel)
+    field = _sample(textures, "grass", _FINE_M, s, d, pixel)
+    if share:
+        cv2.copyTo(_sample(textures, "asphalt", _FINE_M, s, d, pixel), paved, field)
+    return field
+
+
 def _sample(
     textures: GroundTextures,
     name: str,
     size: tuple[float, float],
-    s: np.ndarray[tuple[int, ...], np.dtype[np.float32]],
-    d: np.ndarray[tuple[int, ...], np.dtype[np.float32]],
+    s: Singles,
+    d: Singles,
     pixel: tuple[float, float],
 ) -> Image:
     """Return a texture of ``size`` m (along, across) at road positions (rows, columns)."""
     small = textures.sized(name, size[0] / pixel[0], size[1] / pixel[1])
-    x = d * np.float32(small.shape[1] / size[1])
-    y = np.broadcast_to(np.mod(s, np.float32(size[0])) * np.float32(small.shape[0] / size[0]),
-                        d.shape)
-    return np.asarray(
-        cv2.remap(small, x, np.ascontiguousarray(y), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP),
-        np.uint8,
-    )
+    height, width = small.shape[0] - 1, small.shape[1] - 1
+    x = d * np.float32(1 / size[1])
+    x -= np.floor(x)
+    x *= np.float32(width)
+    y = np.mod(s, np.float32(size[0])) * np.float32(height / size[0])
+    y = np.ascontiguousarray(np.broadcast_to(y, d.shape))
+    return np.asarray(cv2.remap(small, x, y, cv2.INTER_LINEAR), np.uint8)
 
 
 def _shadows(canvas: Canvas, objects: Objects) -> None:
     """Darken the ground where objects keep the sun off, and below vehicles in any light."""
-    sx, sy, sz = canvas.light.sun
     mask = np.zeros(canvas.image.shape[:2], np.uint8)
     ahead, _ = canvas.view.to_camera(objects.x, objects.y)
-    standing = objects.kind != Kind.GANTRY
-    for i in np.flatnonzero((ahead > -40) & (ahead < 110) & standing):
-        corners = objects[np.array([i])].corners()[0]
-        vehicle = objects.kind[i] in (Kind.CAR, Kind.VAN, Kind.TRUCK)
-        if vehicle and ahead[i] > 0:
-            _darken(canvas, mask, corners, 200)
-        if canvas.light.direct > 0.3:
-            reach = objects.height[i] * np.array([-sx, -sy]) / sz
-            hull = cv2.convexHull(np.concatenate([corners, corners + reach]).astype(np.float32))
-            strength = 150 if objects.kind[i] == Kind.TREE else 255
-            _darken(canvas, mask, hull[:, 0].astype(float), strength)
+    near = (ahead > -30) & (ahead < np.where(_LARGE[objects.kind], 110, 45))
+    chosen = objects[near & (objects.kind != _GANTRY)]
+    corners = chosen.corners()
+    sx, sy, sz = canvas.light.sun
+    if canvas.light.direct > 0.3:
+        reach = chosen.height[:, None, None] * np.array([-sx, -sy]) / sz
+        cast = np.concatenate([corners, corners + reach], axis=1)
+        _darken(canvas, mask, cast, np.where(chosen.kind == _TREE, 150, 255))
+    under = _VEHICLE[chosen.kind]
+    _darken(canvas, mask, corners[under], np.full(int(under.sum()), 200))
     mask = cv2.blur(mask, (3, 3))
     factor = cv2.convertScaleAbs(mask, alpha=-(1 - _SHADE) * 128 / 255, beta=128)
-    cv2.multiply(canvas.image, cv2.merge([factor] * 3), dst=canvas.image, scale=1 / 128)
+    top = max(int(canvas.view.horizon), 0)
+    ground = canvas.image[top:]
+    cv2.multiply(ground, cv2.merge([factor[top:]] * 3), dst=ground, scale=1 / 128)
 
 
-def _darken(canvas: Canvas, mask: Image, corners: Floats, strength: int) -> None:
-    """Fill a polygon on the ground (world coordinates) in the mask of shadows."""
-    where = _projected(canvas, corners[:, 0], corners[:, 1])
-    if where is not None:
-        fill(mask, *where, (strength,))
+def _darken(canvas: Canvas, mask: Image, corners: Floats, strength: NDArray[np.int_]) -> None:
+    """Fill in the mask the hulls of N groups of corners on the ground, (N, n, 2) in the world."""
+    ahead, left = canvas.view.to_camera(corners[..., 0], corners[..., 1])
+    ahead = np.maximum(ahead, NEAREST)
+    points = np.stack([ahead, left, np.zeros(ahead.shape)], axis=-1)
+    pixels = canvas.view.pixels(points)
+    visible = (pixels[..., 0].max(axis=1) > 0) & (pixels[..., 0].min(axis=1) < canvas.view.width)
+    visible &= ahead.max(axis=1) > NEAREST
+    for i in np.flatnonzero(visible):
+        hull = cv2.convexHull(pixels[i].astype(np.float32))[:, 0]
+        fill(mask, hull, (int(strength[i]),))
 
 
 def _tunnel(canvas: Canvas, strip: Strip, route: Route) -> None:

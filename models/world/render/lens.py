@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from models.world.render.textures import Image, clouds
+from models.world.render.textures import Image
 
 _METERED = 8
 

@@ -84,10 +84,13 @@ def paint_plant(canvas: Canvas, plants: Plants, objects: Objects, i: int) -> Non
     top_cut, bottom_cut = max(y0, 0), min(y1, view.height)
     source = pyramid[level]
     sx, sy = source.shape[1] / (x1 - x0), source.shape[0] / (y1 - y0)
-    transform = np.array([[sx, 0, (left_cut - x0 + 0.5) * sx - 0.5],
-                          [0, sy, (top_cut - y0 + 0.5) * sy - 0.5]])
+    transform = np.array(
+        [[sx, 0, (left_cut - x0 + 0.5) * sx - 0.5], [0, sy, (top_cut - y0 + 0.5) * sy - 0.5]]
+    )
     sprite = cv2.warpAffine(
-        source, transform, (right_cut - left_cut, bottom_cut - top_cut),
+        source,
+        transform,
+        (right_cut - left_cut, bottom_cut - top_cut),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
     )
     haze = 1 - np.exp(-ahead / canvas.light.haze_m)

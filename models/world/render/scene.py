@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.world.objects import VEHICLES, Kind, Objects
 from models.world.render.canvas import NEAREST, Canvas
@@ -20,7 +21,18 @@ from models.world.road import World
 _ROOF_M = 5.5
 _ROOF_STEP = 6.0
 _FARTHEST = 260.0
-_SMALL = (Kind.POST, Kind.BUSH, Kind.FENCE, Kind.RAIL, Kind.SIGN)
+
+
+def _table(*kinds: Kind) -> NDArray[np.bool_]:
+    """Return by kind whether it is one of these."""
+    return np.isin(np.arange(len(Kind)), kinds)
+
+
+_SMALL = _table(Kind.POST, Kind.BUSH, Kind.FENCE, Kind.RAIL, Kind.SIGN)
+_VEHICLE = _table(*VEHICLES)
+_WALLED = _table(Kind.BUILDING, Kind.WALL)
+_PLANT = _table(Kind.TREE, Kind.BUSH)
+_HOUSE = int(Kind.BUILDING)
 
 
 class Scenery:
@@ -50,11 +62,11 @@ def paint(world: World, scenery: Scenery, view: View, t_s: float) -> Image:
             _paint_roof(canvas, world, *roofs.pop(0))
         dim = INSIDE if inside[i] else 1.0
         kind = objects.kind[i]
-        if kind in VEHICLES:
+        if _VEHICLE[kind]:
             paint_vehicle(canvas, objects, i, braking, dim)
-        elif kind in (Kind.BUILDING, Kind.WALL):
+        elif _WALLED[kind]:
             paint_facades(canvas, scenery.facades, objects, i, dim)
-        elif kind in (Kind.TREE, Kind.BUSH):
+        elif _PLANT[kind]:
             paint_plant(canvas, scenery.plants, objects, i)
         else:
             paint_furniture(canvas, objects, i, dim, t_s)
@@ -69,7 +81,7 @@ def _far_to_near(view: View, objects: Objects) -> list[int]:
     size = np.maximum(objects.length, objects.width) / 2
     near = ahead + size > NEAREST
     slope = np.abs(left) - size < (ahead + size) * view.width / (2 * view.focal) + 1
-    reach = np.where(np.isin(objects.kind, _SMALL), 130.0, _FARTHEST)
+    reach = np.where(_SMALL[objects.kind], 130.0, _FARTHEST)
     chosen = np.flatnonzero(near & slope & (ahead < reach))
     corners = objects[chosen].corners()
     depth, aside = view.to_camera(corners[..., 0], corners[..., 1])
@@ -88,10 +100,11 @@ def _far_to_near(view: View, objects: Objects) -> list[int]:
         if len(columns) and np.all(columns <= np.minimum(top[k], view.horizon)):
             continue
         visible.append(int(chosen[k]))
-        if objects.kind[chosen[k]] == Kind.BUILDING and depth[k].min() > NEAREST:
-            low = view.horizon + (view.above - objects.height[chosen[k]]) * view.focal / depth[
-                k
-            ].max()
+        if objects.kind[chosen[k]] == _HOUSE and depth[k].min() > NEAREST:
+            low = (
+                view.horizon
+                + (view.above - objects.height[chosen[k]]) * view.focal / depth[k].max()
+            )
             np.minimum(columns, low, out=columns)
     return visible[::-1]
 
@@ -111,14 +124,13 @@ def _paint_roof(canvas: Canvas, world: World, distance: float, s: float) -> None
     for width, up, colour in ((outer, _ROOF_M, 62.0), (np.full(4, 0.35), _ROOF_M - 0.05, 236.0)):
         x, y, _ = route.place(places, width * np.array([1.0, 1.0, -1.0, -1.0]))
         ahead, left = canvas.view.to_camera(x, y)
-        canvas.face(ahead, left, np.full(4, up), (colour,) * 3)
-    before = route.index(np.asarray(s - _ROOF_STEP))
-    if not route.tunnel[before] and distance > 1:
-        wide = float(outer[0])
-        for d0, d1, low, high in (
-            (wide, wide + 14, 0.0, 9.0), (-wide - 14, -wide, 0.0, 9.0), (-wide, wide, 5.5, 9.0)
-        ):  # fmt: skip
-            x, y, _ = route.place(np.full(4, s), np.array([d0, d1, d1, d0]))
-            ahead, left = canvas.view.to_camera(x, y)
-            tone = np.array([132.0, 136.0, 140.0])
-            canvas.face(ahead, left, np.array([low, low, high, high]), tone)
+        canvas.face(np.stack([ahead, left, np.full(4, up)], axis=1), np.full(3, colour))
+    if route.tunnel[route.index(np.asarray(s - _ROOF_STEP))] or distance < 1:
+        return
+    wide = float(outer[0])
+    openings = ((wide, wide + 14, 0.0), (-wide - 14, -wide, 0.0), (-wide, wide, _ROOF_M))
+    for right, left_end, low in openings:
+        x, y, _ = route.place(np.full(4, s), np.array([right, left_end, left_end, right]))
+        ahead, left = canvas.view.to_camera(x, y)
+        up = np.array([low, low, 9.0, 9.0])
+        canvas.face(np.stack([ahead, left, up], axis=1), np.array([132.0, 136.0, 140.0]))

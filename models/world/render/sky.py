@@ -69,6 +69,10 @@ def paint_sky(image: Image, view: View, far: Panorama) -> None:
     grid = np.broadcast_to(x.astype(np.float32), (bottom, view.width))
     lines = np.broadcast_to(y[:, None].astype(np.float32), (bottom, view.width))
     cv2.remap(
-        far.image, np.ascontiguousarray(grid), np.ascontiguousarray(lines), cv2.INTER_LINEAR,
-        dst=image[:bottom], borderMode=cv2.BORDER_WRAP,
+        far.image,
+        np.ascontiguousarray(grid),
+        np.ascontiguousarray(lines),
+        cv2.INTER_LINEAR,
+        dst=image[:bottom],
+        borderMode=cv2.BORDER_WRAP,
     )

@@ -8,6 +8,7 @@ from enum import IntEnum
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.world.objects import Floats, Kind, Objects
 from models.world.render.canvas import NEAREST, Canvas
@@ -44,6 +45,7 @@ _PAINTS = np.array(
     float,
 )  # fmt: skip
 _DETAIL_PIXELS = 14.0
+_TRUCK = int(Kind.TRUCK)
 
 _OUTLINES = {
     Kind.CAR: (
@@ -72,7 +74,7 @@ class Face:
     corners:
         (n, 3).
     normal:
-        (3,) in units of the body's own size (scale by 1/size before use).
+        (3,) in units of the body's own size (divide by the size before use).
     part:
         What it is.
     detail:
@@ -85,6 +87,37 @@ class Face:
     detail: bool
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """All faces of a body, those that lie on others last.
+
+    Attributes
+    ----------
+    corners:
+        (n, 3) corners of all faces, one after another.
+    first:
+        (faces + 1,) where each one's corners begin.
+    normals:
+        (faces, 3) as in ``Face``.
+    parts:
+        (faces,) ``Part``.
+    details:
+        (faces,) whether a face is left out from afar.
+    tints:
+        (faces, 3) colours; paint is added by vehicle.
+    mirrors:
+        (faces,) share of the sky's light that a level face throws back.
+    """
+
+    corners: Floats
+    first: NDArray[np.intp]
+    normals: Floats
+    parts: NDArray[np.intp]
+    details: NDArray[np.bool_]
+    tints: Floats
+    mirrors: Floats
+
+
 def _face(corners: Sequence[Point], part: Part, detail: bool = False) -> Face:
     """Return a face, its normal turned outward."""
     points = np.array(corners)
@@ -94,8 +127,8 @@ def _face(corners: Sequence[Point], part: Part, detail: bool = False) -> Face:
 
 
 @lru_cache(maxsize=len(_OUTLINES))
-def _body(kind: Kind) -> tuple[Face, ...]:
-    """Return the faces of a kind of vehicle, those that lie on others last."""
+def _body(kind: Kind) -> Body:
+    """Return the faces of a kind of vehicle."""
     outline = _OUTLINES[kind]
     roof = 0.41 if kind == Kind.CAR else 0.485
     half = [roof if place in (4, 5) else 0.5 for place in range(len(outline))]
@@ -114,14 +147,28 @@ def _body(kind: Kind) -> tuple[Face, ...]:
         faces.append(_face(upper, Part.GLASS if kind == Kind.CAR else Part.PAINT))
         faces += _side_details(kind, side)
     faces += _end_details(kind)
-    return tuple(faces)
+    parts = np.array([face.part for face in faces])
+    return Body(
+        np.concatenate([face.corners for face in faces]),
+        np.cumsum([0] + [len(face.corners) for face in faces]),
+        np.array([face.normal for face in faces]),
+        parts,
+        np.array([face.detail for face in faces]),
+        _TINTS[parts],
+        np.array([0.08, 0.30, 0, 0, 0, 0, 0, 0])[parts],
+    )
 
 
 def _side_details(kind: Kind, side: float) -> Iterable[Face]:
     """Yield pillars, side windows and wheels of one side."""
     if kind == Kind.CAR:
         for x in (-0.02, -0.26):
-            pillar = [(x, 0.5, 0.67), (x + 0.03, 0.5, 0.67), (x, 0.41, 0.99), (x - 0.03, 0.41, 0.99)]
+            pillar = [
+                (x, 0.5, 0.67),
+                (x + 0.03, 0.5, 0.67),
+                (x, 0.41, 0.99),
+                (x - 0.03, 0.41, 0.99),
+            ]
             yield _face([(a, side * b, c) for a, b, c in pillar], Part.PAINT, True)
     else:
         window = [(0.36, 0.56), (0.25, 0.92), (0.12, 0.92), (0.12, 0.56)]
@@ -146,8 +193,11 @@ def _end_details(kind: Kind) -> Iterable[Face]:
         rear = x < 0
         yield _face(_patch(x, -0.47, 0.47, 0.15, 0.25), Part.TRIM)
         if kind != Kind.CAR and rear:
-            yield _face(_patch(x, -0.4, 0.4, 0.58, 0.88), Part.GLASS if kind == Kind.VAN
-                        else Part.PAINT, True)
+            yield _face(
+                _patch(x, -0.4, 0.4, 0.58, 0.88),
+                Part.GLASS if kind == Kind.VAN else Part.PAINT,
+                True,
+            )
         low, high = ((0.48, 0.60) if rear else (0.40, 0.49)) if kind == Kind.CAR else (0.26, 0.38)
         for side in (1.0, -1.0):
             lamp = Part.REAR_LAMP if rear else Part.FRONT_LAMP
@@ -164,45 +214,39 @@ def _patch(x: float, y: float, y2: float, z: float, z2: float) -> list[Point]:
 
 def paint_vehicle(canvas: Canvas, objects: Objects, i: int, braking: bool, dim: float) -> None:
     """Paint vehicle ``i``; ``dim`` is the factor on the light where it is."""
-    view = canvas.view
-    heading = objects.heading[i] - view.heading
-    cos, sin = np.cos(heading), np.sin(heading)
+    view, light = canvas.view, canvas.light
     size = np.array([objects.length[i], objects.width[i], objects.height[i]])
     place = np.array([*view.to_camera(objects.x[i], objects.y[i]), objects.z[i]], float)
-    if place[0] - size[0] / 2 < NEAREST - 1.0:
+    if place[0] + size[0] / 2 < NEAREST:
         return
-    tall = view.focal * size[2] / max(place[0], 1.0)
-    turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1.0]])
+    body = _body(Kind(objects.kind[i]))
+    turn = _turn(objects.heading[i] - view.heading)
     eye = turn.T @ (np.array([0, 0, view.above]) - place)
-    paint = _PAINTS[int(objects.look[i]) % len(_PAINTS)]
-    if objects.kind[i] == Kind.TRUCK:
-        paint = _PAINTS[int(objects.look[i]) % 2 * 3]
-    for face in _body(Kind(objects.kind[i])):
-        if face.detail and tall < _DETAIL_PIXELS:
-            continue
-        corners = face.corners * size
-        normal = face.normal / size
-        if normal @ (eye - corners[0]) <= 0:
-            continue
-        normal = turn @ (normal / np.linalg.norm(normal))
-        colour = _colour(canvas, face.part, paint, normal, braking) * dim
-        hazed = canvas.light.hazed(colour, place[0])
-        x, y, z = (corners @ turn.T + place).T
-        canvas.face(x, y, z, hazed)
+    corners = body.corners * size
+    normals = body.normals / size
+    seen = (normals * (eye - corners[body.first[:-1]])).sum(axis=1) > 0
+    if view.focal * size[2] / max(place[0], 1.0) < _DETAIL_PIXELS:
+        seen &= ~body.details
+    normals = normals / np.sqrt((normals**2).sum(axis=1, keepdims=True))
+    nx, ny, nz = (normals @ _turn(objects.heading[i]).T).T
+    colours = np.where((body.parts == Part.PAINT)[:, None], _paint(objects, i), body.tints)
+    colours = colours * light.on(nx, ny, nz)[:, None]
+    colours += (body.mirrors * np.maximum(nz, 0))[:, None] * np.asarray(light.zenith)
+    if braking:
+        colours[body.parts == Part.REAR_LAMP] = _BRAKING
+    colours = light.hazed(colours * dim, np.full(len(colours), max(place[0], 0.0)))
+    points = corners @ turn.T + place
+    canvas.mesh(points, body.first, np.flatnonzero(seen), colours)
 
 
-def _colour(
-    canvas: Canvas, part: Part, paint: Floats, normal: Floats, braking: bool
-) -> Floats:
-    """Return the coded radiance of a face whose normal is given in camera axes."""
-    if part == Part.REAR_LAMP and braking:
-        return np.array(_BRAKING)
-    base = paint if part == Part.PAINT else _TINTS[part]
-    cos, sin = np.cos(canvas.view.heading), np.sin(canvas.view.heading)
-    nx, ny = normal[0] * cos - normal[1] * sin, normal[0] * sin + normal[1] * cos
-    lit = base * canvas.light.on(nx, ny, normal[2])
-    if part in (Part.GLASS, Part.PAINT):
-        mirror = 0.30 if part == Part.GLASS else 0.08
-        lit = lit + mirror * max(normal[2], 0.0) * np.asarray(canvas.light.zenith)
-    result: Floats = np.asarray(lit, float)
+def _turn(angle: float) -> Floats:
+    """Return the rotation by ``angle`` (rad) about the vertical axis."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _paint(objects: Objects, i: int) -> Floats:
+    """Return the paint of vehicle ``i``; trucks are white or gray."""
+    look = int(objects.look[i])
+    result: Floats = _PAINTS[look % 2 * 3 if objects.kind[i] == _TRUCK else look % len(_PAINTS)]
     return result

@@ -47,10 +47,13 @@ class View:
         dx, dy = x - self.x, y - self.y
         return dx * cos + dy * sin, dy * cos - dx * sin
 
-    def project(self, ahead: Floats, left: Floats, up: Floats) -> tuple[Floats, Floats]:
-        """Return column and row, pixels, of points ``ahead`` (> 0), ``left``, ``up`` in m."""
-        scale = self.focal / ahead
-        return self.width / 2 - left * scale, self.horizon + (self.above - up) * scale
+    def pixels(self, points: Floats) -> Floats:
+        """Return (..., 2) columns and rows of (..., 3) camera coordinates: ahead, left, up; m."""
+        scale = self.focal / points[..., 0]
+        result = np.empty((*points.shape[:-1], 2))
+        result[..., 0] = self.width / 2 - points[..., 1] * scale
+        result[..., 1] = self.horizon + (self.above - points[..., 2]) * scale
+        return result
 
 
 def mount(ego: Ego, ahead: float, above: float, width: int, height: int, horizon: float) -> View:
