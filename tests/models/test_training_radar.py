@@ -1,0 +1,87 @@
+"""Training of the radar's network: it runs, repeats itself, and keeps drives apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.scan import RadarScan
+from models.estimate.radar import RadarEstimator
+from models.estimate.radar_features import EgoMotion, ego_motion
+from models.evaluate.radar import simulated_drive
+from models.training.radar_scans import SIMULATED, Amounts, join, make_samples
+
+SMALL = Amounts(repeats=1, joined=6, worlds=1, per_world=2)
+
+
+def test_quick_training_writes_a_network_that_loads_and_its_card(
+    data: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("torch")
+    from models.training.radar import train
+
+    reports: list[dict[str, object]] = []
+    summary = train(data, tmp_path / "radar.onnx", quick=True, seed=1, report=reports.append)
+    assert [report.get("fold") for report in reports if "fold" in report] == [1, 2]
+    estimate = RadarEstimator(tmp_path / "radar.onnx").estimate(simulated_drive(3, 5, 1).scans[0])
+    assert estimate.probabilities.sum() == pytest.approx(1.0)
+    card = (tmp_path / "radar.md").read_text()
+    assert "CC BY-NC-SA 4.0" in card
+    assert f"{summary['parameters']:,} parameters" in card
+    figures = summary["recorded_scan"]
+    assert isinstance(figures, dict)
+    assert f"| one recorded scan | {figures['count']:,} | {figures['accuracy']:.1%} |" in card
+
+
+def test_onnx_equals_pytorch(tmp_path: Path) -> None:
+    torch = pytest.importorskip("torch")
+    from models.estimate.radar_features import FEATURES, VERSION
+    from models.training.export import export
+    from models.training.radar import Perceptron, answers_of
+
+    torch.manual_seed(0)
+    network = Perceptron(torch.zeros(FEATURES), torch.ones(FEATURES)).eval()
+    path = tmp_path / "radar.onnx"
+    kinds = ("clean", "snr", "ghosts", "missed", "jitter")
+    example = {"features": torch.zeros(1, FEATURES)}
+    export(network, example, path, model="radar", version=VERSION, kinds=kinds)
+    written, living = RadarEstimator(path), answers_of(network)
+    for scan in simulated_drive(3, 5, 5).scans:
+        np.testing.assert_allclose(
+            written.estimate(scan).probabilities, living(scan).probabilities, atol=1e-5
+        )
+
+
+def test_samples_repeat_and_leave_a_drive_out_completely() -> None:
+    drives = [simulated_drive(seed, 10, 2) for seed in (1, 2, 3)]
+    samples = make_samples(drives, SMALL, seed=4)
+    again = make_samples(drives, SMALL, seed=4)
+    np.testing.assert_array_equal(samples.features, again.features)
+    assert len(samples.levels) == (6 + 6 + 2) * 14
+    assert np.bincount(samples.levels[: 14 * 6], minlength=11).min() >= 6
+    rest = samples.without(1)
+    assert 1 in samples.drives
+    assert 1 not in rest.drives
+    assert SIMULATED in rest.drives
+
+
+def test_joined_scan_moves_as_one() -> None:
+    """Two halves with different ego motions: all stationary points agree with one motion."""
+    left = simulated_drive(1, 10, 1).scans[0]
+    right = simulated_drive(2, 30, 1).scans[0]
+    right = replace(right, vx=right.vx - 5, vy=right.vy + np.float32(0.25) * np.rint(right.x / 5))
+    ours, theirs = motion_of(left), motion_of(right)
+    assert abs(ours.ahead - theirs.ahead) > 3.0
+    for seed in range(5):
+        both = join(left, right, np.random.default_rng(seed))
+        assert len(both) <= 125
+        assert motion_of(both).ahead == pytest.approx(ours.ahead, abs=0.2)
+        assert abs(motion_of(both).turn) == pytest.approx(abs(ours.turn), abs=0.01)
+
+
+def motion_of(scan: RadarScan) -> EgoMotion:
+    position, velocity = np.array([scan.x, scan.y], float), np.array([scan.vx, scan.vy], float)
+    return ego_motion(position, velocity, scan.dyn_prop)
