@@ -24,11 +24,10 @@ from drivers.socketcan_frames import EXTENDED_BIT, FRAME, ID_MASK, pack_frames, 
 _SO_RCVBUFFORCE = 33
 _CAN_RAW_ERR_FILTER = 2
 _RECEIVE_BUFFER_BYTES = 8 << 20
-"""Some 10,000 frames: over two seconds of a full bus."""
+"""Some 20,000 frames where it may be forced: five seconds of a full bus."""
 _MOST_BATCHES = 16
 _MOST_FILTERS = 512
 _RETRY_S = 0.0005
-_IS_DOWN = "the network is down"
 
 
 class SocketCanBus(CanBus):
@@ -66,16 +65,19 @@ class SocketCanBus(CanBus):
                 if len(received.length) < self._receiver.batch:
                     break
         except OSError as error:
+            if batches or not _passes(error):
+                self._failure = error
             if not batches:
                 raise self._down(error) from error
-            self._failure = error  # what came before is returned first
         return concatenate(batches)
 
     def _receive(self) -> Received:
-        if self._failure is not None:
-            failure, self._failure = self._failure, None
-            raise failure
-        return self._receiver.receive()
+        if self._failure is None:
+            return self._receiver.receive()
+        failure = self._failure
+        if _passes(failure):
+            self._failure = None
+        raise failure
 
     def _frames(self, received: Received) -> CanFrames:
         ancillary = parse_ancillary(received.control, received.control_length)
@@ -117,8 +119,8 @@ class SocketCanBus(CanBus):
                 time.sleep(_RETRY_S)
 
     def _down(self, error: OSError) -> BusDown | DeviceError:
-        if error.errno == errno.ENETDOWN:
-            return BusDown(self.name, _IS_DOWN)
+        if _passes(error):
+            return BusDown(self.name, "the network is down")
         if error.errno in (errno.ENOBUFS, errno.EAGAIN):
             return BusDown(self.name, "the send buffer stays full: does another node acknowledge?")
         if error.errno in (errno.EINVAL, errno.EMSGSIZE):
@@ -129,6 +131,11 @@ class SocketCanBus(CanBus):
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+
+def _passes(error: OSError) -> bool:
+    """Tell a network that is down from an interface that has gone."""
+    return error.errno == errno.ENETDOWN
 
 
 def _set_up(sock: socket.socket, interface: str, ids: Collection[int] | None) -> None:

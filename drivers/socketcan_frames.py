@@ -15,6 +15,28 @@ from drivers.frame import StampSource
 EXTENDED_BIT, REMOTE_BIT, ERROR_BIT, ID_MASK = 0x80000000, 0x40000000, 0x20000000, 0x1FFFFFFF
 _BIT_RATE_SWITCH, _ERROR_STATE = 1, 2
 
+_REMOTE, _TRANSMITTED = int(FrameFlag.REMOTE), int(FrameFlag.TRANSMITTED)
+_ID_FLAGS = np.array(
+    [
+        FrameFlag.ERROR
+        if bits & 1
+        else FrameFlag.REMOTE * (bits >> 1 & 1) | FrameFlag.EXTENDED * (bits >> 2)
+        for bits in range(8)
+    ],
+    np.uint8,
+)
+"""Our flags by the three bits above an identifier: extended, remote, error."""
+_FD_FLAGS = np.array(
+    [
+        FrameFlag.FD
+        | FrameFlag.BIT_RATE_SWITCH * (bits & _BIT_RATE_SWITCH)
+        | FrameFlag.ERROR_STATE * (bits & _ERROR_STATE > 0)
+        for bits in range(4)
+    ],
+    np.uint8,
+)
+"""Our flags by the two flag bits of a CAN FD frame."""
+
 CLASSIC_BYTES = 16
 FRAME = np.dtype(
     [
@@ -52,28 +74,21 @@ def unpack_frames(
     """
     frame = datagrams.view(FRAME)[:, 0]
     is_fd = sizes > CLASSIC_BYTES
-    is_error = (frame["id"] & ERROR_BIT) != 0
-    is_remote = (frame["id"] & REMOTE_BIT) != 0
-    fd_flags = np.where(is_fd, frame["flags"], 0)
-    flags = (
-        FrameFlag.EXTENDED * (((frame["id"] & EXTENDED_BIT) != 0) & ~is_error)
-        | FrameFlag.REMOTE * is_remote
-        | FrameFlag.ERROR * is_error
-        | FrameFlag.FD * is_fd
-        | FrameFlag.BIT_RATE_SWITCH * ((fd_flags & _BIT_RATE_SWITCH) != 0)
-        | FrameFlag.ERROR_STATE * ((fd_flags & _ERROR_STATE) != 0)
-        | FrameFlag.TRANSMITTED * ((message_flags & socket.MSG_DONTROUTE) != 0)
-    )
-    width = 64 if is_fd.any() else 8
-    length = np.minimum(frame["length"], width).astype(np.uint8)
-    written = np.where(is_remote, 0, length)
+    flags = _ID_FLAGS.take(frame["id"] >> 29)
+    flags |= np.where(message_flags & socket.MSG_DONTROUTE, _TRANSMITTED, 0).astype(np.uint8)
+    width = 8
+    if is_fd.any():
+        width = 64
+        flags |= np.where(is_fd, _FD_FLAGS.take(frame["flags"] & 3), 0).astype(np.uint8)
+    length = np.minimum(frame["length"], np.uint8(width))
+    written = np.where(flags & _REMOTE, 0, length)
     inside = np.arange(width) < written[:, None]
     return CanFrames(
         stamp_ns=stamp_ns,
         can_id=frame["id"] & np.uint32(ID_MASK),
         length=length,
-        data=np.where(inside, frame["data"][:, :width], 0).astype(np.uint8),
-        flags=flags.astype(np.uint8),
+        data=frame["data"][:, :width] * inside,
+        flags=flags,
         channel=np.zeros(len(frame), np.uint8),
         channels=(channel,),
         stamp_source=stamp_source,
