@@ -6,10 +6,11 @@ from collections.abc import Iterable
 from threading import Lock
 
 from dbc.errors import SceneError
+from models.degrade.kinds import KINDS
 from node.camera_faults import CAMERA_FAULTS
 from node.injector import Injector
 from node.link_faults import LINK_FAULTS
-from node.scene import KINDS, Injection, Sensor
+from node.scene import Injection, Sensor
 
 FAULTS: dict[str, tuple[str, ...]] = {"camera": CAMERA_FAULTS, "radar": LINK_FAULTS}
 """Faults that a gateway can make, by sensor type."""

@@ -9,21 +9,9 @@ from typing import Any
 
 from dbc.errors import SceneError
 from drivers.frame import Frame
-from drivers.scan import RadarScan
 from models.degrade.draw import DrawKey
-from node.scene import KINDS, Injection, Sensor
-
-
-def _degrade_frame(frame: Frame, kind: str, level: float, key: DrawKey) -> Frame:
-    from models.degrade import camera
-
-    return replace(frame, image=camera.apply(camera.draw(kind, level, key), frame.image))
-
-
-def _degrade_scan(scan: RadarScan, kind: str, level: float, key: DrawKey) -> RadarScan:
-    from models.degrade import radar
-
-    return radar.apply(radar.draw(kind, level, key), scan)
+from models.degrade.kinds import KINDS, module_of
+from node.scene import Injection, Sensor
 
 
 class Injector:
@@ -80,9 +68,12 @@ class Injector:
         -------
         The message and what was injected (level in % by kind), None where nothing was.
         """
-        degrade = _degrade_frame if isinstance(message, Frame) else _degrade_scan
         levels = self.levels_at(t_s)
         key = DrawKey(self._seed, self._sensor.name, message.sequence)
+        data = message.image if isinstance(message, Frame) else message
         for kind, level in levels.items():
-            message = degrade(message, kind, level, key)
-        return message, levels or None
+            module = module_of(self._sensor.type, kind)
+            data = module.apply(module.draw(kind, level, key), data)
+        if not levels:
+            return message, None
+        return (replace(message, image=data) if isinstance(message, Frame) else data), levels

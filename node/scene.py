@@ -15,14 +15,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from dbc.errors import SceneError
-from models.estimate.level import CAMERA_KINDS, RADAR_KINDS
+from models.degrade.kinds import KINDS
 
 SensorType = Literal["radar", "camera"]
 WORLD = "world"
 """The source that is the simulated world."""
-
-KINDS: dict[str, tuple[str, ...]] = {"camera": CAMERA_KINDS[1:], "radar": RADAR_KINDS[1:]}
-"""Kinds that can be injected, by sensor type."""
 
 Level = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]

@@ -1,0 +1,44 @@
+"""Every kind of degradation by sensor type, and the module that draws and applies it.
+
+The names stand here so that a scene is checked without loading OpenCV; the module of a kind is
+imported when the kind is first needed. Each module has ``draw(kind, level, key)`` and
+``apply(drawn, data)``, where data is an image or a ``RadarScan``.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from types import ModuleType
+
+_MODULES = {
+    "camera": {
+        "camera": ("blur", "over", "under", "noise"),
+        "imager": ("motion", "tunnel", "poisson", "salt_pepper", "low_light", "jpeg", "dead"),
+        "weather": ("fog", "rain", "snow", "drops", "dirt"),
+    },
+    "radar": {
+        "radar": ("snr", "ghosts", "missed", "jitter"),
+        "jammer": ("noise_jam", "interference", "deception"),
+        "propagation": ("multipath", "blockage", "misalignment"),
+    },
+}
+
+KINDS = {
+    sensor_type: tuple(kind for kinds in modules.values() for kind in kinds)
+    for sensor_type, modules in _MODULES.items()
+}
+"""Kinds that can be injected, by sensor type: ``camera`` or ``radar``."""
+
+
+def module_of(sensor_type: str, kind: str) -> ModuleType:
+    """Import and return the module that draws and applies a kind.
+
+    Raises
+    ------
+    KeyError
+        If there is no such sensor type or kind.
+    """
+    for name, kinds in _MODULES[sensor_type].items():
+        if kind in kinds:
+            return import_module(f"models.degrade.{name}")
+    raise KeyError(kind)
