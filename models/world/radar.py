@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.can_frames import CanFrames
 from drivers.scan import RadarScan
 from models.degrade.draw import DrawKey
 from models.sensor import ARS408, RadarSensor
+from models.world.can import cycle_frames
 from models.world.clusters import QUALITY, describe
 from models.world.echoes import FAR, NEAR, Points, measure
 from models.world.objects import concatenate
@@ -73,6 +75,14 @@ class WorldRadar:
         while self.time(sequence) < self.world.duration_s:
             yield self.scan(sequence)
             sequence += 1
+
+    def frames(self) -> Iterator[CanFrames]:
+        """Yield every cycle as CAN frames in order of time, with all that goes on beside it."""
+        start_ns = EPOCH_NS
+        for scan in self.scans():
+            end_ns = EPOCH_NS + round(self.time(scan.sequence + 1) * 1e9)
+            yield cycle_frames(self.world, scan, start_ns, end_ns)
+            start_ns = end_ns
 
     def time(self, sequence: int) -> float:
         """Return when cycle ``sequence`` is measured, s from the start, with its jitter."""
