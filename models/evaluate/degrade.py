@@ -1,0 +1,258 @@
+"""What a degradation costs, and how far it is from its exact result.
+
+One thread; 1600 × 900 × 3 images with power at every scale, scans of 250 clusters. Run times are
+CPU times of the thread, medians. Errors are root mean squares against float64 arithmetic; for
+noise, the Kolmogorov distance of its distribution from the rounded normal one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from statistics import NormalDist, median
+from time import thread_time_ns
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.scan import RadarScan
+from models.degrade import camera, imager, jammer, load, propagation, radar, weather
+from models.degrade.draw import DrawKey
+from models.evaluate.report import Goal, Point
+from models.sensor import ARS408
+
+Image = NDArray[np.uint8]
+Exact = NDArray[np.float64]
+
+_HEIGHT, _WIDTH = 900, 1600
+_KEY = DrawKey(1, "bench", 7)
+_BORDER = 12
+_NOISE_LEVEL = 20.0
+_METHODS: tuple[camera.Method, ...] = ("fast", "exact")
+
+
+def run(quick: bool) -> Iterator[Point | Goal]:
+    """Measure every kind at one level, or the ones with a choice of method at several."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield from _camera(quick)
+        yield from _radar(quick)
+    finally:
+        cv2.setNumThreads(threads)
+
+
+def textured_image(height: int = _HEIGHT, width: int = _WIDTH) -> Image:
+    """Return an image with power at every scale, as photographs have; always the same."""
+    random = np.random.default_rng(1)
+    image = np.full((height, width, 3), 110.0, np.float32)
+    for octave in (2, 4, 8, 16, 32, 64):
+        shape = (height // octave + 2, width // octave + 2, 3)
+        coarse = random.normal(0, 7 * octave**0.5, shape).astype(np.float32)
+        image += cv2.resize(coarse, (width, height))
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def full_scan() -> RadarScan:
+    """Return a scan of 250 clusters along a road, without quality."""
+    n = ARS408.max_clusters
+    random = np.random.default_rng(1)
+    distance = np.sort(random.gamma(3.0, 18.0, n))
+    azimuth = random.normal(0, 0.35, n)
+    rows = np.array(
+        [
+            distance * np.cos(azimuth),
+            distance * np.sin(azimuth),
+            random.normal(-8, 6, n),
+            np.zeros(n),
+            -5 + random.exponential(10, n),
+        ]
+    )
+    x, y, vx, vy, rcs = ARS408.rows_to_grid(rows).astype(np.float32)
+    return RadarScan(
+        sensor="bench",
+        sensor_id=0,
+        sequence=0,
+        stamp_ns=0,
+        stamp_source="simulated",
+        mode="cluster",
+        meas_counter=0,
+        near=n,
+        far=0,
+        id=np.arange(n, dtype=np.uint8),
+        x=x,
+        y=y,
+        vx=vx,
+        vy=vy,
+        rcs=rcs,
+        dyn_prop=np.ones(n, np.uint8),
+    )
+
+
+def _time_us(call: Callable[[], object], quick: bool) -> float:
+    """Return the median CPU time of a call, µs, after one call to warm up."""
+    call()
+    times = []
+    for _ in range(5 if quick else 21):
+        start = thread_time_ns()
+        call()
+        times.append(thread_time_ns() - start)
+    return median(times) / 1e3
+
+
+def _rms(result: Image, exact: Exact) -> float:
+    error = (result - np.clip(exact, 0, 255))[_BORDER:-_BORDER, _BORDER:-_BORDER]
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def _camera(quick: bool) -> Iterator[Point | Goal]:
+    image = textured_image()
+    slowest: dict[str, float] = {}
+    worst_blur = 0.0
+    for level in (60.0,) if quick else (10.0, 30.0, 50.0, 60.0, 80.0, 100.0):
+        for kind, method, drawn, exact in _methods(level, image):
+            time_us = _time_us(partial(camera.apply, drawn, image), quick)
+            result = camera.apply(drawn, image)
+            yield Point(
+                f"{kind}, {method}", f"level={level:g}", time_us, _rms(result, exact), "counts"
+            )
+            if method == "fast":
+                slowest[kind] = max(slowest.get(kind, 0.0), time_us)
+            if (kind, method) == ("blur", "fast"):
+                inside = np.s_[_BORDER:-_BORDER, _BORDER:-_BORDER]
+                worst_blur = max(worst_blur, float(np.abs(result - exact)[inside].max()))
+    yield from _noise(quick, image, slowest)
+    yield from _others(quick, image, slowest)
+    yield Goal("over-exposure, ms", slowest["over"] / 1e3, 1.5, False)
+    yield Goal("under-exposure, ms", slowest["under"] / 1e3, 1.5, False)
+    yield Goal("noise, ms", slowest["noise"] / 1e3, 3.0, False)
+    yield Goal("blur at the slowest level, ms", slowest["blur"] / 1e3, 4.0, False)
+    yield Goal("blur, greatest error inside, counts", worst_blur, 4.0, False)
+    slow = max(slowest, key=lambda kind: slowest[kind])
+    yield Goal(f"slowest camera kind ({slow}), ms", slowest[slow] / 1e3, 5.0, False)
+
+
+def _methods(level: float, image: Image) -> Iterator[tuple[str, str, Any, Exact]]:
+    """Yield kind, method, drawn parameters and the exact result of the kinds with a choice."""
+    light = image.astype(np.float64)
+    for kind in ("blur", "over", "under"):
+        exact: Exact | None = None
+        for method in _METHODS:
+            drawn = camera.draw(kind, level, _KEY, method=method)
+            if exact is None:
+                exact = _exact(drawn, light)
+            yield kind, method, drawn, exact
+
+
+def _exact(drawn: camera.CameraDegradation, light: Exact) -> Exact:
+    border = cv2.BORDER_REFLECT_101
+    if isinstance(drawn, camera.Blur):
+        size = (drawn.size, drawn.size)
+        return np.asarray(cv2.GaussianBlur(light, size, drawn.sigma, borderType=border))
+    assert isinstance(drawn, camera.Exposure)
+    kernel = np.array([0.25, 0.5, 0.25])
+    return np.asarray(cv2.sepFilter2D(light, -1, kernel, kernel, borderType=border) * drawn.gain)
+
+
+def _noise(quick: bool, image: Image, slowest: dict[str, float]) -> Iterator[Point | Goal]:
+    gray = np.full((_HEIGHT // 2, _WIDTH // 2, 3), 128, np.uint8)
+    knob = f"level={_NOISE_LEVEL:g}"
+    for method in _METHODS:
+        drawn = camera.draw("noise", _NOISE_LEVEL, _KEY, method=method)
+        time_us = _time_us(partial(camera.apply, drawn, image), quick)
+        distance = _kolmogorov(camera.apply(drawn, gray))
+        yield Point(f"noise, {method}", knob, time_us, distance, "Kolmogorov distance")
+        if method == "fast":
+            slowest["noise"] = time_us
+    time_us = _time_us(partial(_add_randn, image), quick)
+    yield Point(
+        "noise, cv2.randn", knob, time_us, _kolmogorov(_add_randn(gray)), "Kolmogorov distance"
+    )
+    within, between = _repetition()
+    yield Goal("noise, greatest correlation within a frame", within, 0.01, False)
+    yield Goal("noise, greatest correlation between frames", between, 0.01, False)
+
+
+def _add_randn(image: Image) -> Image:
+    noise = np.empty(image.shape, np.int16)
+    cv2.randn(noise, np.zeros(3), np.full(3, _NOISE_LEVEL))
+    return np.asarray(cv2.add(image, noise, dtype=cv2.CV_8U), np.uint8)
+
+
+def _kolmogorov(noisy: Image) -> float:
+    values, counts = np.unique(noisy.astype(int) - 128, return_counts=True)
+    normal = NormalDist(0, _NOISE_LEVEL)
+    expected = np.array([normal.cdf(value + 0.5) for value in values.tolist()])
+    return float(np.abs(np.cumsum(counts) / noisy.size - expected).max())
+
+
+def _repetition() -> tuple[float, float]:
+    """Return the greatest correlation of noise with itself moved, and with the next frame's."""
+    gray = np.full((_HEIGHT // 2, _WIDTH // 2, 3), 128, np.uint8)
+    spectra = []
+    for sequence in (0, 1):
+        drawn = camera.draw("noise", _NOISE_LEVEL, DrawKey(1, "bench", sequence))
+        noise = camera.apply(drawn, gray).ravel() - 128.0
+        spectra.append(np.fft.rfft(noise / noise.std(), 2 * noise.size))
+    within = np.fft.irfft(np.abs(spectra[0]) ** 2)[1 : gray.size] / gray.size
+    between = np.fft.irfft(spectra[0] * spectra[1].conj()) / gray.size
+    return float(np.abs(within).max()), float(np.abs(between).max())
+
+
+def _others(quick: bool, image: Image, slowest: dict[str, float]) -> Iterator[Point]:
+    """Measure the kinds that have one method; those defined by their steps have no error."""
+    for kind, module in load("camera").items():
+        if module is camera:
+            continue
+        drawn = module.draw(kind, 60.0, _KEY)
+        time_us = _time_us(partial(module.apply, drawn, image), quick)
+        error = 0.0
+        if kind == "motion":
+            error = _rms(module.apply(drawn, image), _exact_smear(drawn, image))
+        if kind == "fog":
+            even = replace(drawn, haze=replace(drawn.haze, patchiness=0.0))
+            error = _rms(weather.apply(even, image), _exact_fog(even, image))
+        yield Point(kind, "level=60", time_us, error, "counts")
+        slowest[kind] = time_us
+
+
+def _exact_smear(motion: imager.Motion, image: Image) -> Exact:
+    """Return the mean of 256 bilinear samples along the smear."""
+    angle = np.radians(motion.direction_deg)
+    total = np.zeros(image.shape)
+    light = image.astype(np.float32)
+    for share in (np.arange(256) + 0.5) / 256 - 0.5:
+        x, y = share * motion.length * np.cos(angle), share * motion.length * np.sin(angle)
+        shift = np.array([[1, 0, x], [0, 1, y]])
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        total += cv2.warpAffine(
+            light, shift, image.shape[1::-1], flags=flags, borderMode=cv2.BORDER_REFLECT
+        )
+    return total / 256
+
+
+def _exact_fog(fog: weather.Weather, image: Image) -> Exact:
+    assert fog.haze is not None
+    depth = weather.default_depth(image.shape[0])[:, None, None]
+    t = np.exp(-fog.haze.extinction * depth)
+    return np.asarray(image * t + fog.haze.airlight * (1 - t))
+
+
+def _radar(quick: bool) -> Iterator[Point | Goal]:
+    scan = full_scan()
+    for kind in radar.KINDS:
+        times = []
+        for sequence in range(10):
+            drawn = radar.draw(kind, 60.0, DrawKey(1, "bench", sequence))
+            times.append(_time_us(partial(radar.apply, drawn, scan), quick))
+        yield Point(f"radar {kind}", "level=60", median(times), 0.0, "m")
+        if kind == "snr":
+            yield Goal("250 clusters, snr, µs", median(times), 100.0, False)
+    for module in (jammer, propagation):
+        for kind in module.KINDS:
+            one = module.draw(kind, 60.0, _KEY)
+            time_us = _time_us(partial(module.apply, one, scan), quick)
+            yield Point(f"radar {kind}", "level=60", time_us, 0.0, "m")
