@@ -21,6 +21,7 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
+import signal
 import subprocess
 import sys
 import tempfile
@@ -162,6 +163,7 @@ def main() -> int:
         sys.stdout.buffer.write(piece)
         sys.stdout.buffer.flush()
 
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that QEMU ends with us
     try:
         status, _ = run_in_machine(command, timeout_s=options.timeout, show=show)
     except MachineError as error:
