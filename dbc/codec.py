@@ -9,10 +9,8 @@ ordinary signals of a word, at once.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import cache
-from itertools import chain
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -25,167 +23,13 @@ from cantools.database.can import Signal as ParsedSignal
 from numpy.typing import ArrayLike, NDArray
 
 from dbc.errors import DatabaseError, InputError
+from dbc.signals import FLOAT, WORD_BITS, Block, Piece, Signal, Words
 
 Payloads = NDArray[np.uint8]
-Words = NDArray[np.uint64]
 
 WORD_BYTES = 8
-WORD_BITS = 64
-FLOAT64_INTEGERS = 1 << 53  # every integer up to this is a float64
-EXTENDED_ID = 1 << 31  # how a DBC file marks a 29-bit identifier
-
-_UINT_OF_FLOAT = {16: np.uint16, 32: np.uint32, 64: np.uint64}
-_FLOAT = {16: np.float16, 32: np.float32, 64: np.float64}
-
-
-@dataclass(frozen=True, slots=True)
-class _Piece:
-    """Consecutive bits of a signal inside one word.
-
-    ``(word << left) >> right`` leaves these bits right-aligned; ``up`` is their place in the
-    signal.
-    """
-
-    word: int
-    left: np.uint64
-    right: np.uint64
-    up: np.uint64
-
-
-@dataclass(frozen=True, slots=True)
-class _Signal:
-    """How one signal is cut out of the words and scaled."""
-
-    parsed: ParsedSignal
-    name: str
-    pieces: tuple[_Piece, ...]
-    bits: int
-    signed: bool
-    is_float: bool
-    scale: float
-    offset: float
-
-    @property
-    def raw_range(self) -> tuple[int, int]:
-        """Smallest and largest raw integer."""
-        if self.signed:
-            return -(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1
-        return 0, (1 << self.bits) - 1
-
-    @property
-    def physical_range(self) -> tuple[float, float]:
-        """Physical value of the smallest and the largest raw integer."""
-        low, high = self.raw_range
-        return low * self.scale + self.offset, high * self.scale + self.offset
-
-    @property
-    def is_integer(self) -> bool:
-        """Whether every physical value is an integer."""
-        return not self.is_float and isinstance(self.scale, int) and isinstance(self.offset, int)
-
-    @property
-    def is_ordinary(self) -> bool:
-        """Whether a block may decode it: one piece, and an unscaled integer or a scaled float."""
-        plain = len(self.pieces) == 1 and not self.is_float
-        narrow = self.signed or self.bits < WORD_BITS
-        if self.is_integer:
-            return plain and narrow and self.scale == 1 and self.offset == 0
-        return plain and narrow and max(map(abs, self.physical_range)) < sys.float_info.max
-
-    def raw(self, words: list[Words]) -> NDArray[Any]:
-        """Cut the raw value out: int64, uint64 for 64 unsigned bits, or a float type."""
-        first = self.pieces[0]
-        shift = np.uint64(WORD_BITS - self.bits)
-        if len(self.pieces) == 1:
-            top = words[first.word] << first.left
-        else:
-            parts = (((words[p.word] << p.left) >> p.right) << p.up for p in self.pieces)
-            top = np.bitwise_or(*parts) << shift
-        if self.signed:
-            return top.view(np.int64) >> shift.view(np.int64)
-        value = top >> shift
-        if self.is_float:
-            return value.astype(_UINT_OF_FLOAT[self.bits]).view(_FLOAT[self.bits])
-        return value if self.bits == WORD_BITS else value.view(np.int64)
-
-    def physical(self, raw: NDArray[Any]) -> NDArray[Any]:
-        """Scale raw values as cantools does: in integers where 64 bits do, else in float64."""
-        if self.scale == 1 and self.offset == 0:
-            return raw
-        low, high = self.physical_range
-        if self.is_integer and max(abs(low), abs(high), abs(self.scale)) < 1 << 63:
-            return raw.astype(np.int64) * self.scale + self.offset
-        with np.errstate(over="ignore", invalid="ignore"):  # a float may be anything
-            return raw.astype(np.float64) * self.scale + self.offset
-
-    def to_raw(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Undo ``physical``: the nearest raw value, half to even, not yet checked for range."""
-        if values.dtype.kind in "iu" and self.is_integer:
-            largest = max(abs(bound) for bound in self.physical_range)
-            if largest > FLOAT64_INTEGERS:  # rare enough for cantools' own exact arithmetic
-                convert = self.parsed.conversion.numeric_scaled_to_raw
-                return np.array([convert(value) for value in values.tolist()], dtype=object)
-        with np.errstate(over="ignore", invalid="ignore"):  # to_bits refuses what overflows
-            raw = (values.astype(np.float64) - self.offset) / self.scale
-        return raw if self.is_float else np.rint(raw)
-
-    def to_bits(self, raw: NDArray[Any], where: str) -> Words:
-        """Check raw values for range and return their bits, right-aligned."""
-        if self.is_float:
-            with np.errstate(over="ignore", invalid="ignore"):
-                narrow = raw.astype(_FLOAT[self.bits])
-            self._refuse(np.isinf(narrow) & ~np.isinf(raw), raw, where)
-            return narrow.view(_UINT_OF_FLOAT[self.bits]).astype(np.uint64)
-        low, high = self.raw_range
-        # float(2**64 - 1) is 2**64, so the upper bound is checked with "less than"
-        self._refuse(~((raw >= low) & (raw < high + 1)), raw, where)
-        integers = raw.astype(np.int64 if self.signed else np.uint64).view(np.uint64)
-        return integers & np.uint64((1 << self.bits) - 1)
-
-    def _refuse(self, bad: NDArray[np.bool_], raw: NDArray[Any], where: str) -> None:
-        if bad.any():
-            value = raw[bad][0] * self.scale + self.offset
-            low, high = sorted(self.physical_range)
-            expected = f"a {self.bits}-bit float" if self.is_float else f"{low:.12g} to {high:.12g}"
-            raise InputError(f"{where}.{self.name}", f"{value:.12g} is out of range", expected)
-
-
-class _Block:
-    """Ordinary signals of one word, cut out together and scaled together."""
-
-    def __init__(self, signals: list[_Signal]) -> None:
-        def column(values: list[Any]) -> NDArray[Any]:
-            return np.array(values)[:, None]
-
-        unscaled = [signal for signal in signals if signal.is_integer]
-        scaled = [signal for signal in signals if not signal.is_integer]
-        pieces = [signal.pieces[0] for signal in unscaled + scaled]
-        self.names = [signal.name for signal in unscaled + scaled]
-        self._unscaled = len(unscaled)
-        self._word = pieces[0].word
-        self._left = column([piece.left for piece in pieces])
-        self._right = column([piece.right for piece in pieces])
-        self._signed = signals[0].signed
-        self._scale = column([float(signal.scale) for signal in scaled])
-        self._offset = column([float(signal.offset) for signal in scaled])
-
-    def raw(self, words: list[Words]) -> NDArray[np.int64]:
-        """Return the raw values, (signals, N)."""
-        bits = words[self._word] << self._left
-        values: NDArray[np.int64] = bits.view(np.int64)
-        if self._signed:
-            values >>= self._right.view(np.int64)
-        else:
-            bits >>= self._right
-        return values
-
-    def physical(self, words: list[Words]) -> Iterator[NDArray[Any]]:
-        """Return the physical values, (N,) a signal."""
-        raw = self.raw(words)
-        scaled = raw[self._unscaled :].astype(np.float64)
-        scaled *= self._scale
-        scaled += self._offset
-        return chain(raw[: self._unscaled], scaled)
+EXTENDED_ID = 1 << 31
+"""How a DBC file marks a 29-bit identifier."""
 
 
 class MessageCodec:
@@ -267,7 +111,8 @@ class MessageCodec:
         Parameters
         ----------
         values:
-            Signal name → (N,) array or scalar, for every signal of the message.
+            Signal name → (N,) array or scalar, for every signal of the message; scalars alone
+            give one payload.
 
         Returns
         -------
@@ -280,30 +125,37 @@ class MessageCodec:
             If a value does not fit its signal, a signal is missing or unknown, or the arrays
             differ in length.
         """
-        arrays = self._arrays(values)
-        return self._pack([signal.to_raw(arrays[signal.name]) for signal in self._signals])
+        columns, words = self._prepare(values)
+        for block in self._blocks:
+            block.put(columns, words)
+        for signal in self._others:
+            signal.put(columns[signal.name], words)
+        return self._payloads(words)
 
     def encode_raw(self, values: Mapping[str, ArrayLike]) -> Payloads:
         """Return payloads that carry raw values; otherwise as ``encode``."""
-        arrays = self._arrays(values)
-        return self._pack([arrays[signal.name] for signal in self._signals])
+        columns, words = self._prepare(values)
+        for signal in self._signals:
+            signal.put_raw(columns[signal.name], words)
+        return self._payloads(words)
 
-    def _compile(self, signal: ParsedSignal) -> _Signal:
+    def _compile(self, signal: ParsedSignal) -> Signal:
         bits = signal.length
         is_float = bool(signal.is_float)
         scale, offset = signal.scale, signal.offset
         where = f"{self.name}.{signal.name}"
         if bits > WORD_BITS:
             raise DatabaseError(where, f"has {bits} bits", f"up to {WORD_BITS} can be decoded")
-        if is_float and bits not in _FLOAT:
+        if is_float and bits not in FLOAT:
             raise DatabaseError(where, f"is a {bits}-bit float", "expected 16, 32 or 64 bits")
         if scale == 0 or max(abs(scale), abs(offset)) > sys.float_info.max:
             raise DatabaseError(where, f"has scale {scale}, offset {offset}", "expected numbers")
         if float(scale).is_integer() and float(offset).is_integer():
             scale, offset = int(scale), int(offset)
-        return _Signal(
+        return Signal(
             parsed=signal,
             name=signal.name,
+            where=where,
             pieces=self._pieces(signal),
             bits=bits,
             signed=bool(signal.is_signed) and not is_float,
@@ -312,14 +164,14 @@ class MessageCodec:
             offset=offset,
         )
 
-    def _gather(self) -> list[_Block]:
-        groups: dict[tuple[int, bool], list[_Signal]] = {}
+    def _gather(self) -> list[Block]:
+        groups: dict[tuple[int, bool], list[Signal]] = {}
         for signal in self._signals:
             if signal.is_ordinary:
                 groups.setdefault((signal.pieces[0].word, signal.signed), []).append(signal)
-        return [_Block(group) for group in groups.values()]
+        return [Block(group) for group in groups.values()]
 
-    def _pieces(self, signal: ParsedSignal) -> tuple[_Piece, ...]:
+    def _pieces(self, signal: ParsedSignal) -> tuple[Piece, ...]:
         """Cut a signal where its ninth byte begins; both byte orders count from the first byte."""
         big = signal.byte_order == "big_endian"
         byte, bit = divmod(signal.start, 8)
@@ -331,13 +183,13 @@ class MessageCodec:
             pieces.append(self._piece(big, byte + WORD_BYTES, 0, rest, up=0 if big else first))
         return tuple(pieces)
 
-    def _piece(self, big: bool, byte: int, skipped: int, bits: int, up: int) -> _Piece:
+    def _piece(self, big: bool, byte: int, skipped: int, bits: int, up: int) -> Piece:
         start = max(0, min(byte, self.length - WORD_BYTES))
         skipped += 8 * (byte - start)
         window = (start, ">u8" if big else "<u8")
         if window not in self._windows:
             self._windows.append(window)
-        return _Piece(
+        return Piece(
             word=self._windows.index(window),
             left=np.uint64(skipped if big else WORD_BITS - skipped - bits),
             right=np.uint64(WORD_BITS - bits),
@@ -357,31 +209,31 @@ class MessageCodec:
             for start, order in self._windows
         ]
 
-    def _arrays(self, values: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
-        """Bring values to one length; a message of no signals has no length and gives none."""
+    def _prepare(
+        self, values: Mapping[str, ArrayLike]
+    ) -> tuple[dict[str, NDArray[Any]], list[Words]]:
+        """Return values as columns of one length, and as many empty words."""
         for name in self.signals:
             if name not in values:
                 raise InputError(f"{self.name}.{name}", "has no value", "every signal needs one")
-        for name in values:
+        columns = {name: np.asarray(value) for name, value in values.items()}
+        for name, column in columns.items():
             if name not in self.signals:
                 raise InputError(f"{self.name}.{name}", "is not a signal of this message")
-        arrays = {name: np.atleast_1d(np.asarray(value)) for name, value in values.items()}
-        for name, array in arrays.items():
-            if array.ndim != 1 or array.dtype.kind not in "biuf":
+            if column.ndim > 1 or column.dtype.kind not in "biuf":
                 raise InputError(f"{self.name}.{name}", "is not a column of numbers")
-        lengths = {len(array) for array in arrays.values()}
-        size = next(iter(lengths - {1}), 1)
-        if lengths - {1, size}:
-            raise InputError(self.name, f"columns of {sorted(lengths)} values", "expected one N")
-        return {name: np.broadcast_to(array, size) for name, array in arrays.items()}
+        sizes = {len(column) for column in columns.values() if column.ndim} or {1}
+        if len(sizes) > 1:
+            raise InputError(self.name, f"columns of {sorted(sizes)} values", "expected one N")
+        (size,) = sizes
+        columns = {
+            name: column if column.ndim else np.full(size, column)
+            for name, column in columns.items()
+        }
+        return columns, [np.zeros(size, np.uint64) for _ in self._windows]
 
-    def _pack(self, raws: list[NDArray[Any]]) -> Payloads:
-        size = len(raws[0]) if raws else 0
-        words = [np.zeros(size, np.uint64) for _ in self._windows]
-        for signal, raw in zip(self._signals, raws, strict=True):
-            bits = signal.to_bits(raw, self.name)
-            for p in signal.pieces:
-                words[p.word] |= ((bits >> p.up) << p.right) >> p.left
+    def _payloads(self, words: list[Words]) -> Payloads:
+        size = len(words[0]) if words else 0
         payloads = np.zeros((size, max(self.length, WORD_BYTES)), np.uint8)
         for (start, order), word in zip(self._windows, words, strict=True):
             octets = word.astype(order).view(np.uint8).reshape(size, WORD_BYTES)

@@ -51,7 +51,8 @@ class ScanAssembler:
     ignored.
 
     The step of MeasCounter is the smallest change that came twice in a row; until then no cycle
-    counts as lost. A counter that goes back is a radar that restarted: none is lost either.
+    counts as lost. A gap of over 1000 cycles that does not fit into the time between the stamps is
+    a radar that restarted: none is lost either.
 
     Regular cycles are found and decoded many at a time (``drivers.ars408_bulk``), all others frame
     by frame (``drivers.ars408_radar``); how a stream is cut into batches changes nothing of what

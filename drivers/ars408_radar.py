@@ -23,6 +23,8 @@ PATIENCE = 3
 """Whole general lists in a row without an optional list, until that is no longer expected."""
 
 _COUNTER_RANGE = 1 << 16
+_SHORT_GAP = 1000  # cycles; a longer one must fit into the time that passed
+_SHORTEST_CYCLE_NS = 50_000_000
 _REVERSE = 2  # of RadarDevice_SpeedDirection
 _QUALITY = (Kind.CLUSTER_QUALITY, Kind.OBJECT_QUALITY)
 _OPTIONAL = (*_QUALITY, Kind.OBJECT_EXTENDED)
@@ -33,20 +35,23 @@ class _CycleCounter:
     """MeasCounter to sequence numbers, the counter's step learned."""
 
     sequence: int = -1
-    _last: int = 0
+    _counter: int = 0
+    _stamp_ns: int = 0
     _change: int = 0
     _step: int | None = None
 
-    def count(self, counter: int) -> int:
-        """Take the counter of the next cycle; return how many cycles were lost before it."""
+    def count(self, counter: int, stamp_ns: int) -> int:
+        """Take the status frame of the next cycle; return how many cycles were lost before it."""
         lost = 0
-        change = (counter - self._last) % _COUNTER_RANGE
-        if self.sequence >= 0 and 0 < change < _COUNTER_RANGE // 2:
-            if change == self._change and (self._step is None or change < self._step):
+        if self.sequence >= 0:
+            change = (counter - self._counter) % _COUNTER_RANGE
+            if change and change == self._change and change < (self._step or _COUNTER_RANGE):
                 self._step = change
             self._change = change
             lost = max(0, change // self._step - 1) if self._step else 0
-        self._last = counter
+            if lost > _SHORT_GAP and lost * _SHORTEST_CYCLE_NS > stamp_ns - self._stamp_ns:
+                lost = 0
+        self._counter, self._stamp_ns = counter, stamp_ns
         self.sequence += 1 + lost
         return lost
 
@@ -260,7 +265,7 @@ class Radar:
         frames_lost: int = 0,
         duplicates: int = 0,
     ) -> RadarScan:
-        cycles_lost = self._cycles.count(head.counter)
+        cycles_lost = self._cycles.count(head.counter, head.stamp_ns)
         strays, self.strays = self.strays, 0
         return RadarScan(
             sensor=self.name,
