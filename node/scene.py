@@ -12,7 +12,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PositiveInt,
+    ValidationError,
+    model_validator,
+)
 
 from dbc.errors import SceneError
 from models.degrade.kinds import KINDS
@@ -34,13 +41,17 @@ class Sensor(_Strict):
 
     ``source`` is a file (a CAN log, a video, a folder of images), a device (``/dev/video0``), a
     CAN bus (``socketcan:can0``) or ``world``, the simulated one. ``sensor_id`` is the radar's
-    SensorID, which shifts its CAN IDs by 0x10 each.
+    SensorID, which shifts its CAN IDs by 0x10 each. ``size`` (width, height), ``rate_hz`` and
+    ``pixel_format`` are asked of a live camera; by default it is taken as it is.
     """
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
     type: SensorType
     source: Annotated[str, Field(min_length=1)]
     sensor_id: Annotated[int, Field(ge=0, le=7)] = 0
+    size: tuple[PositiveInt, PositiveInt] | None = None
+    rate_hz: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    pixel_format: Literal["MJPG", "YUYV"] | None = None
 
 
 class Injection(_Strict):

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from drivers.camera import FrameSource, open_camera_source
+from drivers.camera import FrameSource, is_live_camera, open_camera_source
 from drivers.can_frames import CanFrames
 from drivers.frame import Frame
 from drivers.scan import MotionInput, RadarScan, RadarState
@@ -157,10 +157,15 @@ def open_source(sensor: Sensor, world: World | None) -> Source:
 
 
 def _open_camera(sensor: Sensor) -> Source:
-    frames = open_camera_source(sensor.source, sensor.name)
-    if not frames.live:
-        return CameraSource(sensor, frames)
+    if not is_live_camera(sensor.source):
+        return CameraSource(sensor, open_camera_source(sensor.source, sensor.name))
     from drivers.v4l2 import V4L2Camera
 
-    assert isinstance(frames, V4L2Camera)
-    return LiveCameraSource(frames)
+    camera = V4L2Camera(
+        sensor.source,
+        sensor.name,
+        size=sensor.size,
+        rate_hz=sensor.rate_hz,
+        pixel_format=sensor.pixel_format,
+    )
+    return LiveCameraSource(camera)
