@@ -19,6 +19,7 @@ from node.health import Health, SensorEvent
 from node.injector import Injector
 from node.live_sources import Lost
 from node.mailbox import Closed, Mailbox
+from node.pace import Pace
 from node.plan import Plan
 from node.scene import Sensor
 from node.sources import Message, Source
@@ -105,7 +106,7 @@ class Lane:
     def _queue_messages(self, stop: Event) -> None:
         """Read the source, keep its pace, and queue what the worker shall estimate."""
         objects_only = False
-        pace = _Pace(None if self._clock.fast or self.source.live else self._clock.speed)
+        pace = Pace(None if self._clock.fast or self.source.live else self._clock.speed)
         for message in _looped(self.source, self._clock.loop and not self.source.live):
             if stop.is_set():
                 return
@@ -188,28 +189,6 @@ class Lane:
 
     def _publish(self, topic: str, message: Any) -> None:
         self._bus.publish(f"/murk/{self._sensor.name}/{topic}", message)
-
-
-class _Pace:
-    """When a recorded message is due, counted from the first one; ``speed`` None never waits."""
-
-    def __init__(self, speed: float | None) -> None:
-        self._speed = speed
-        self._first_stamp_ns: int | None = None
-        self._start_s = 0.0
-
-    def since_start_ns(self, stamp_ns: int) -> int:
-        if self._first_stamp_ns is None:
-            self._first_stamp_ns = stamp_ns
-            self._start_s = monotonic()
-        return stamp_ns - self._first_stamp_ns
-
-    def stopped_before(self, t_ns: int, stop: Event) -> bool:
-        """Wait until a message is due; return True if the run was stopped before that."""
-        if self._speed is None:
-            return stop.is_set()
-        due_s = self._start_s + t_ns * 1e-9 / self._speed - monotonic()
-        return stop.wait(due_s) if due_s > 0 else stop.is_set()
 
 
 def _looped(source: Source, loop: bool) -> Iterator[Message | Lost]:

@@ -13,7 +13,8 @@ from node.scene import Sensor
 if TYPE_CHECKING:
     from drivers.can_bus import CanBus
     from drivers.v4l2 import V4L2Camera
-    from node.sources import Message
+    from node.motion import MotionSender
+    from node.sources import Message, Source
 
 BUS_TIMEOUT_S = 0.2
 """How long a read from a silent bus blocks before it looks whether the run should stop."""
@@ -43,20 +44,30 @@ class CanBusSource:
 
     def __init__(self, sensor: Sensor) -> None:
         self._sensor = sensor
+        self._sensor_id = sensor.sensor_id
         self._stop = Event()
         self._bus: CanBus = self._open()
+        self._motion: MotionSender | None = None
+
+    def send_motion(self, source: Source) -> None:
+        """Tell the radar the motion that another source has, from when ``messages`` is read."""
+        from node.motion import MotionSender
+
+        self._motion = MotionSender(source, lambda frames: self._bus.send(frames), self._sensor_id)
 
     def _open(self) -> CanBus:
         from drivers.ars408 import sensor_can_ids
         from drivers.can_bus import open_bus
 
-        return open_bus(self._sensor.source, ids=sensor_can_ids(self._sensor.sensor_id))
+        return open_bus(self._sensor.source, ids=sensor_can_ids(self._sensor_id))
 
     def messages(self) -> Iterator[Message | Lost]:
         """Yield the radar's messages, and ``Lost`` when the bus fails; see ``Source``."""
         from drivers.ars408 import ScanAssembler
 
-        assembler = ScanAssembler({self._sensor.sensor_id: self._sensor.name})
+        assembler = ScanAssembler({self._sensor_id: self._sensor.name})
+        if self._motion is not None:
+            self._motion.start()
         try:
             for batch in self._batches():
                 if isinstance(batch, Lost):
@@ -64,6 +75,8 @@ class CanBusSource:
                 else:
                     yield from assembler.feed(batch)
         finally:
+            if self._motion is not None:
+                self._motion.close()
             self._bus.close()
 
     def _batches(self) -> Iterator[CanFrames | Lost]:

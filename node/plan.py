@@ -65,6 +65,9 @@ def plan(scene: Scene) -> Plan:
 def _sensor_stages(scene: Scene, sensor: Sensor) -> Iterator[Stage]:
     reason, libraries = _source(sensor)
     yield Stage("source", sensor.name, True, reason, libraries)
+    if sensor.type == "radar":
+        motion = f"speed and yaw rate of {sensor.motion}" if sensor.motion else "the scene asks for none"
+        yield Stage("motion input", sensor.name, sensor.motion is not None, motion, ("cantools",))
     kinds = [injection.kind for injection in scene.injections if injection.sensor == sensor.name]
     yield Stage(
         "inject",

@@ -41,14 +41,17 @@ class Sensor(_Strict):
 
     ``source`` is a file (a CAN log, a video, a folder of images), a device (``/dev/video0``), a
     CAN bus (``socketcan:can0``) or ``world``, the simulated one. ``sensor_id`` is the radar's
-    SensorID, which shifts its CAN IDs by 0x10 each. ``size`` (width, height), ``rate_hz`` and
-    ``pixel_format`` are asked of a live camera; by default it is taken as it is.
+    SensorID, which shifts its CAN IDs by 0x10 each. ``motion`` is a CAN log or bus whose speed and
+    yaw rate (0x300, 0x301) are sent to a radar on a bus, 20 times a second. ``size`` (width,
+    height), ``rate_hz`` and ``pixel_format`` are asked of a live camera; by default it is taken as
+    it is.
     """
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
     type: SensorType
     source: Annotated[str, Field(min_length=1)]
     sensor_id: Annotated[int, Field(ge=0, le=7)] = 0
+    motion: str | None = None
     size: tuple[PositiveInt, PositiveInt] | None = None
     rate_hz: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     pixel_format: Literal["MJPG", "YUYV"] | None = None
@@ -185,9 +188,10 @@ def read_scene_file(path: Path) -> dict[str, Any]:
         raise SceneError(path, f"is not TOML: {error}", "see docs/scene.md") from None
     sensors = content.get("sensors")
     for sensor in sensors if isinstance(sensors, list) else []:
-        source = sensor.get("source") if isinstance(sensor, dict) else None
-        if isinstance(source, str) and (path.parent / source).exists():
-            sensor["source"] = str(path.parent / source)
+        for key in ("source", "motion") if isinstance(sensor, dict) else ():
+            beside = path.parent / str(sensor.get(key))
+            if key in sensor and beside.exists():
+                sensor[key] = str(beside)
     return content
 
 

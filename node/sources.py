@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from dbc.errors import InputError
 from drivers.camera import FrameSource, is_live_camera, open_camera_source
 from drivers.can_frames import CanFrames
 from drivers.frame import Frame
@@ -153,7 +154,21 @@ def open_source(sensor: Sensor, world: World | None) -> Source:
         return WorldRadarSource(sensor, world) if radar else WorldCameraSource(sensor, world)
     if sensor.type == "camera":
         return _open_camera(sensor)
-    return CanBusSource(sensor) if is_can_bus(sensor.source) else CanLogSource(sensor)
+    return _open_bus(sensor) if is_can_bus(sensor.source) else CanLogSource(sensor)
+
+
+def _open_bus(sensor: Sensor) -> Source:
+    source = CanBusSource(sensor)
+    if sensor.motion is not None:
+        vehicle = sensor.model_copy(update={"source": sensor.motion, "sensor_id": 0})
+        try:
+            source.send_motion(
+                CanBusSource(vehicle) if is_can_bus(sensor.motion) else CanLogSource(vehicle)
+            )
+        except InputError:
+            source.close()
+            raise
+    return source
 
 
 def _open_camera(sensor: Sensor) -> Source:
