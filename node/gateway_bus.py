@@ -1,0 +1,218 @@
+"""The gateway between two CAN buses: the clock, the buses and what happens when one goes down."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from threading import Event, Lock, Thread
+from typing import Any
+
+from dbc.errors import DeviceError, InputError
+from drivers.can_bus import BusDown, CanBus, open_bus
+from drivers.can_frames import CanFrames, FrameFlag
+from node.gateway_can import CanGateway
+from node.gateway_levels import GatewayLevels
+from node.gateway_scene import GatewayScene
+from node.gateway_statistics import Latencies
+
+STOP_CHECK_S = 0.1
+"""How long a read from a silent bus blocks at most."""
+SHORT_WAIT_S = 0.002
+"""A wait below this is slept: reading with a time limit is not as fine as that."""
+BACK_OFF_S = 0.2
+"""How long to wait before a bus that went down is tried again."""
+
+
+class LastingBus:
+    """A CAN bus that may go down and come back; one thread may read it while another sends.
+
+    Attributes
+    ----------
+    downs:
+        Times that a read or a send found it down.
+    unsent:
+        Frames given up because it was down.
+    """
+
+    def __init__(self, spec: str) -> None:
+        self.downs = 0
+        self.unsent = 0
+        self._spec = spec
+        self._lock = Lock()
+        self._bus: CanBus | None = open_bus(spec)
+
+    @property
+    def dropped(self) -> int:
+        """Frames that the kernel dropped since the bus was opened."""
+        return self._bus.dropped if self._bus else 0
+
+    def read(self, timeout_s: float) -> CanFrames | None:
+        """Return the frames that are there, waiting for one; None where none came."""
+        bus = self._opened()
+        if bus is None:
+            return None
+        try:
+            frames = bus.read(timeout_s)
+        except BusDown as down:
+            self._lose(bus, down)
+            return None
+        return frames if len(frames) else None
+
+    def send(self, frames: CanFrames) -> bool:
+        """Send frames; False, and counted, where the bus is down."""
+        bus = self._opened()
+        if bus is not None:
+            try:
+                bus.send(frames)
+                return True
+            except BusDown as down:
+                self._lose(bus, down)
+        self.unsent += len(frames)
+        return False
+
+    def close(self) -> None:
+        """Close the bus."""
+        if self._bus is not None:
+            self._bus.close()
+
+    def _lose(self, bus: CanBus, down: BusDown) -> None:
+        self.downs += 1
+        with self._lock:
+            if down.gone and self._bus is bus:
+                bus.close()
+                self._bus = None
+        time.sleep(BACK_OFF_S)
+
+    def _opened(self) -> CanBus | None:
+        """Return the bus, opened again where the interface had gone and is back."""
+        with self._lock:
+            if self._bus is None:
+                try:
+                    self._bus = open_bus(self._spec)
+                except DeviceError:
+                    time.sleep(BACK_OFF_S)
+            return self._bus
+
+
+class CanLink:
+    """Runs a ``CanGateway`` from one bus to another.
+
+    Parameters
+    ----------
+    scene:
+        The radar, whose source is the bus to read, and what is done to it.
+    levels:
+        What is in force when.
+    target:
+        The bus to send to.
+    stop:
+        Ends the run.
+    both_ways:
+        Also send what comes from the target to the source, untouched.
+
+    Raises
+    ------
+    DeviceError
+        If a bus cannot be opened.
+    InputError
+        If both are the same.
+    """
+
+    def __init__(
+        self,
+        scene: GatewayScene,
+        levels: GatewayLevels,
+        target: str,
+        stop: Event,
+        *,
+        both_ways: bool,
+    ) -> None:
+        source = scene.sensor.source
+        if source == target:
+            raise InputError(target, "is input and output", "give two buses")
+        self._core = CanGateway(scene.sensor, levels, scene.seed)
+        self._duration_s = scene.duration_s
+        self._both_ways = both_ways
+        self._stop = stop
+        self._counts: Counter[str] = Counter()
+        self._latencies = Latencies()
+        self._source = LastingBus(source)
+        try:
+            self._target = LastingBus(target)
+        except BaseException:
+            self._source.close()
+            raise
+
+    def run(self) -> None:
+        """Pass frames on until the run is stopped and the scan in flight is over; then close."""
+        way_back = Thread(target=self._pass_back, name="murk-way-back", daemon=True)
+        if self._both_ways:
+            way_back.start()
+        try:
+            self._pass_on()
+        finally:
+            self._stop.set()
+            if self._both_ways:
+                way_back.join()
+            self.close()
+
+    def interrupt(self) -> None:
+        """Do nothing: no read lasts longer than ``STOP_CHECK_S``."""
+
+    def close(self) -> None:
+        """Close both buses."""
+        self._source.close()
+        self._target.close()
+
+    def summary(self) -> dict[str, Any]:
+        """Return what was counted, for JSON."""
+        passed = ("frames_in", "frames_out", "frames_back", "error_frames")
+        changed = ("scans", "degraded", "incomplete", "late", "silenced", "cut_off")
+        record: dict[str, Any] = {name: self._counts[name] for name in passed}
+        record |= {name: self._core.counts[name] for name in changed}
+        record["faults"] = dict(self._core.faults.counts)
+        record["dropped"] = self._source.dropped
+        record["unsent"] = self._target.unsent
+        record["bus_down"] = self._source.downs + self._target.downs
+        return record | self._latencies.summary()
+
+    def _pass_on(self) -> None:
+        core = self._core
+        started_s = time.monotonic()
+        while not (self._stop.is_set() and core.finished):
+            frames = self._read(core.next_due_ns())
+            now_ns = time.monotonic_ns()
+            if frames is not None:
+                core.feed(frames, now_ns)
+            due = core.due(now_ns)
+            if due is not None and self._target.send(due):
+                self._counts["frames_out"] += len(due)
+                self._latencies.add((time.time_ns() - due.stamp_ns).tolist())
+            over = self._duration_s is not None and now_ns * 1e-9 - started_s >= self._duration_s
+            if over or self._stop.is_set():
+                self._stop.set()
+                core.finish()
+
+    def _read(self, until_ns: int | None) -> CanFrames | None:
+        """Return the frames that come before ``until_ns``, without error frames."""
+        wait_s = STOP_CHECK_S
+        if until_ns is not None:
+            wait_s = min(wait_s, max(0.0, until_ns * 1e-9 - time.monotonic()))
+        if wait_s < SHORT_WAIT_S:
+            time.sleep(wait_s)
+            wait_s = 0.0
+        frames = self._source.read(wait_s)
+        if frames is None:
+            return None
+        self._counts["frames_in"] += len(frames)
+        errors = (frames.flags & FrameFlag.ERROR) != 0
+        if not errors.any():
+            return frames
+        self._counts["error_frames"] += int(errors.sum())
+        return frames.select(~errors) if not errors.all() else None
+
+    def _pass_back(self) -> None:
+        while not self._stop.is_set():
+            frames = self._target.read(STOP_CHECK_S)
+            if frames is not None and self._source.send(frames):
+                self._counts["frames_back"] += len(frames)

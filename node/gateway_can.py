@@ -1,0 +1,309 @@
+"""The gateway's CAN side without clock and bus: what comes in when, and what goes out when."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.ars408 import ScanAssembler
+from drivers.ars408_layout import CAN_ID, ID_SHIFT, Kind, shortest_payload
+from drivers.can_frames import CanFrames, FrameFlag, concatenate
+from drivers.encode import encode_scan
+from drivers.scan import RadarScan
+from models.sensor import ARS408
+from node.gateway_frames import Outbox, TimedFrames
+from node.gateway_levels import GatewayLevels
+from node.link_faults import FULL_LOAD_SPACING_NS, LinkFaults
+from node.scene import Sensor
+
+_LISTS = (Kind.CLUSTER_STATUS, Kind.CLUSTER_GENERAL, Kind.CLUSTER_QUALITY)
+_STATUS, _GENERAL, _QUALITY = map(int, _LISTS)
+"""The frames of a cluster scan; every other one is of kind 0."""
+_NOT_PLAIN = int(FrameFlag.EXTENDED | FrameFlag.REMOTE | FrameFlag.ERROR | FrameFlag.FD)
+
+LONGEST_SCAN_NS = 2 * round(ARS408.cycle_s * 1e9)
+"""What a scan still lacks after two cycles does not come any more."""
+QUALITY_WAIT_NS = 20_000_000
+"""How long the first scan waits for its quality frames before it counts as one without."""
+
+Kinds = NDArray[np.uint8]
+
+
+class _Scan:
+    """One cluster scan as it comes in.
+
+    Parameters
+    ----------
+    number:
+        Counted from the start.
+    begun_ns:
+        When its status frame came.
+    announced:
+        How many clusters that announces.
+    held:
+        Whether it is kept back to be changed; otherwise it passes as over a wire.
+
+    Attributes
+    ----------
+    over:
+        Whether nothing more is expected of it; what comes to a held one nevertheless is too late.
+    frames:
+        What has come of a held one.
+    """
+
+    def __init__(self, number: int, begun_ns: int, announced: int, *, held: bool) -> None:
+        self.number = number
+        self.begun_ns = begun_ns
+        self.held = held
+        self.over = False
+        self.frames: list[CanFrames] = []
+        self._announced = announced
+        self._came = np.zeros((len(Kind), 256), np.bool_)
+        self._listed_ns: int | None = None
+
+    def add(self, frames: CanFrames, kinds: Kinds, now_ns: int) -> None:
+        """Take in frames of this scan."""
+        self._came[kinds, frames.data[:, 0]] = True
+        if self.held:
+            self.frames.append(frames)
+        if self._listed_ns is None and self._count(_GENERAL) >= self._announced:
+            self._listed_ns = now_ns
+
+    @property
+    def has_quality(self) -> bool | None:
+        """Whether quality frames come with the clusters; None where that cannot be told."""
+        if not self._announced or self._listed_ns is None:
+            return None
+        return self._count(_QUALITY) > 0
+
+    def is_whole(self, *, quality: bool) -> bool:
+        """Tell whether nothing is missing; ``quality`` says whether quality frames count."""
+        if self._listed_ns is None:
+            return False
+        return not quality or self._count(_QUALITY) >= self._announced
+
+    def expires_ns(self, *, quality: bool | None) -> int:
+        """Return when to wait no longer; ``quality`` says whether quality frames are expected."""
+        if quality is None and self._listed_ns is not None and not self.has_quality:
+            return self._listed_ns + QUALITY_WAIT_NS
+        return self.begun_ns + LONGEST_SCAN_NS
+
+    def _count(self, kind: int) -> int:
+        return int(np.count_nonzero(self._came[kind]))
+
+
+class CanGateway:
+    """Lets the frames of a bus pass and changes the cluster scans of one radar.
+
+    A frame that is not of the radar's cluster lists (0x600, 0x701, 0x702 + 0x10 × SensorID) passes
+    at once. While no injection and no fault is in force, so does every other one. Otherwise a scan
+    is kept back until it is complete, degraded, encoded anew and sent, its frames as far apart as
+    they came: it leaves as much later as it took to come, which is less than a cycle. A scan that
+    stays incomplete is sent as it came. A change of levels takes effect with the next scan.
+
+    Parameters
+    ----------
+    sensor:
+        The radar.
+    levels:
+        What is in force when.
+    seed:
+        The run's seed.
+
+    Attributes
+    ----------
+    counts:
+        Scans: ``scans`` that came, of them ``degraded`` and ``incomplete`` ones. Frames that did
+        not pass: ``silenced`` on a dead wire, ``cut_off`` from a scan that the end left half,
+        ``late`` ones that came after their scan had been changed.
+    faults:
+        The link's faults, with their counts.
+    """
+
+    def __init__(self, sensor: Sensor, levels: GatewayLevels, seed: int) -> None:
+        self.counts: Counter[str] = Counter()
+        self.faults = LinkFaults(sensor.name, seed)
+        self._sensor = sensor
+        self._levels = levels
+        self._kind_of_id = np.zeros(0x800, np.uint8)
+        for kind in _LISTS:
+            self._kind_of_id[CAN_ID[kind] + ID_SHIFT * sensor.sensor_id] = kind
+        self._shortest = shortest_payload()
+        self._outbox = Outbox()
+        self._scan: _Scan | None = None
+        self._quality: bool | None = None
+        self._first_ns: int | None = None
+        self._last_due_ns = 0
+        self._last_stamp_ns = 0
+        self._silent_until_ns = 0
+        self._finishing = False
+
+    def feed(self, frames: CanFrames, now_ns: int) -> None:
+        """Take in frames that have come."""
+        kinds = self._kind_of_id.take(frames.can_id, mode="clip")
+        kinds[(frames.flags & _NOT_PLAIN != 0) | (frames.length < self._shortest[kinds])] = 0
+        statuses = np.flatnonzero(kinds == _STATUS).tolist()
+        for first, last in pairwise(sorted({0, *statuses, len(frames)})):
+            part = frames if last - first == len(frames) else frames.select(slice(first, last))
+            if kinds[first] == _STATUS:
+                self._begin(part.data[0], now_ns)
+            self._go_on(part, kinds[first:last], now_ns)
+
+    def due(self, now_ns: int) -> CanFrames | None:
+        """Return what is to be sent now; None where nothing is."""
+        expires_ns = self._expires_ns()
+        if self._scan is not None and expires_ns is not None and expires_ns <= now_ns:
+            self._end(self._scan, now_ns)
+        return self._outbox.take(now_ns)
+
+    def next_due_ns(self) -> int | None:
+        """Return when ``due`` will have something to do if nothing comes; None for never."""
+        times = (self._outbox.next_due_ns, self._expires_ns())
+        return min((time for time in times if time is not None), default=None)
+
+    def finish(self) -> None:
+        """Begin no further scan; what is on its way out goes on to its end."""
+        self._finishing = True
+        scan = self._scan
+        if scan is None or scan.over:
+            return
+        if scan.held:
+            scan.over = True
+            self.counts["cut_off"] += sum(map(len, scan.frames))
+        else:
+            self._end_if_whole(scan, scan.begun_ns)
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing is on its way out."""
+        return self._outbox.next_due_ns is None and (self._scan is None or self._scan.over)
+
+    def _begin(self, status: NDArray[np.uint8], now_ns: int) -> None:
+        if self._scan is not None and not self._scan.over:
+            self._end(self._scan, now_ns)
+        if self._first_ns is None:
+            self._first_ns = now_ns
+        held = self._finishing or self._levels.any_at(self._since_first_s(now_ns))
+        announced = int(status[0]) + int(status[1])
+        self._scan = _Scan(self.counts["scans"], now_ns, announced, held=held)
+        self._scan.over = self._finishing
+        self.counts["scans"] += 1
+        if not held:
+            self.faults.clear()
+            self._silent_until_ns = 0
+
+    def _go_on(self, frames: CanFrames, kinds: Kinds, now_ns: int) -> None:
+        """Take in frames up to the next status frame."""
+        scan, own = self._scan, kinds > 0
+        if scan is None or not scan.held:
+            self._forward(frames, own, now_ns)
+        if not own.all():
+            if scan is not None and scan.held:
+                self._pass(frames.select(~own), now_ns)
+            frames, kinds = frames.select(own), kinds[own]
+        if scan is None or not len(frames):
+            return
+        if not scan.over:
+            scan.add(frames, kinds, now_ns)
+            if scan.held or self._finishing:
+                self._end_if_whole(scan, now_ns)
+        elif scan.held:
+            self.counts["cut_off" if self._finishing else "late"] += len(frames)
+
+    def _pass(self, frames: CanFrames, now_ns: int) -> None:
+        """Send frames at once, unless the wire is dead."""
+        if now_ns < self._silent_until_ns:
+            self.counts["silenced"] += len(frames)
+        else:
+            self._outbox.put(TimedFrames(frames, np.full(len(frames), now_ns)))
+
+    def _forward(self, frames: CanFrames, own: NDArray[np.bool_], now_ns: int) -> None:
+        """Send frames at once; but the radar's follow those that still wait."""
+        if self._last_due_ns <= now_ns or not own.any():
+            self._pass(frames, now_ns)
+        else:
+            self._pass(frames.select(~own), now_ns)
+            radar = frames.select(own)
+            gaps = np.diff(radar.stamp_ns, prepend=self._last_stamp_ns)
+            gaps = np.clip(gaps, 0, FULL_LOAD_SPACING_NS)
+            due_ns = np.maximum(now_ns, self._last_due_ns + np.cumsum(gaps))
+            self._outbox.put(TimedFrames(radar, due_ns))
+            self._last_due_ns = int(due_ns[-1])
+        if own.any():
+            self._last_stamp_ns = int(frames.stamp_ns[own][-1])
+
+    def _expires_ns(self) -> int | None:
+        scan = self._scan
+        if scan is None or scan.over or not (scan.held or self._finishing):
+            return None
+        return scan.expires_ns(quality=self._quality)
+
+    def _end_if_whole(self, scan: _Scan, now_ns: int) -> None:
+        if scan.is_whole(quality=self._quality is not False):
+            self._end(scan, now_ns)
+
+    def _end(self, scan: _Scan, now_ns: int) -> None:
+        """Expect no more of the scan; send what became of it where it was kept back."""
+        scan.over = True
+        if scan.has_quality is not None:
+            self._quality = scan.has_quality
+        if not scan.held:
+            return
+        t_s = self._since_first_s(scan.begun_ns)
+        frames, offset_ns = _spaced(*self._changed(scan, t_s))
+        start_ns = max(now_ns, self._last_due_ns + FULL_LOAD_SPACING_NS)
+        timed = TimedFrames(frames, start_ns + offset_ns)
+        rates = self._levels.rates_at(t_s)
+        sent = self.faults.apply(timed, rates, scan.number)
+        self._silent_until_ns = now_ns + LONGEST_SCAN_NS if self.faults.silent else 0
+        self.counts["silenced"] += len(timed) if self.faults.silent else 0
+        self._outbox.put(sent)
+        self._outbox.put(self.faults.babble(timed, rates, scan.number))
+        self._last_due_ns = max(*timed.due_ns[-1:].tolist(), *sent.due_ns[-1:].tolist(), 0)
+        self._last_stamp_ns = int(frames.stamp_ns[-1])
+
+    def _changed(self, scan: _Scan, t_s: float) -> tuple[CanFrames, CanFrames]:
+        """Return what came of a scan, and what is to be sent instead."""
+        came = concatenate(scan.frames)
+        decoded = None
+        if scan.is_whole(quality=scan.has_quality is True):
+            decoded = self._decoded(came)
+        if decoded is None or decoded.frames_lost:
+            self.counts["incomplete"] += 1
+            return came, came
+        decoded = replace(decoded, sequence=scan.number)
+        degraded, injected = self._levels.injector.inject(decoded, t_s)
+        if not injected:
+            return came, came
+        self.counts["degraded"] += 1
+        frames = encode_scan(degraded)
+        frames.data[0, 2:5] = came.data[0, 2:5]  # counter and interface version
+        return came, frames
+
+    def _decoded(self, frames: CanFrames) -> RadarScan:
+        assembler = ScanAssembler({self._sensor.sensor_id: self._sensor.name})
+        messages = [*assembler.feed(frames), *assembler.flush()]
+        return next(message for message in messages if isinstance(message, RadarScan))
+
+    def _since_first_s(self, now_ns: int) -> float:
+        return 0.0 if self._first_ns is None else (now_ns - self._first_ns) * 1e-9
+
+
+def _spaced(came: CanFrames, frames: CanFrames) -> tuple[CanFrames, NDArray[np.int64]]:
+    """Return frames with the stamps of those that came, and when each follows the first, ns.
+
+    The k-th is as far from the first as the k-th that came. Where there are more than came, they
+    share the time that those took.
+    """
+    passed_ns = np.maximum.accumulate(came.stamp_ns) - came.stamp_ns[0]
+    passed_ns = np.minimum(passed_ns, LONGEST_SCAN_NS)
+    if len(frames) <= len(came):
+        passed_ns = passed_ns[: len(frames)]
+    else:
+        places = np.linspace(0, len(came) - 1, len(frames))
+        passed_ns = np.interp(places, np.arange(len(came)), passed_ns).astype(np.int64)
+    return replace(frames, stamp_ns=came.stamp_ns[0] + passed_ns), passed_ns
