@@ -66,8 +66,8 @@ def _sensor_stages(scene: Scene, sensor: Sensor) -> Iterator[Stage]:
     reason, libraries = _source(sensor)
     yield Stage("source", sensor.name, True, reason, libraries)
     if sensor.type == "radar":
-        motion = f"speed and yaw rate of {sensor.motion}" if sensor.motion else "the scene asks for none"
-        yield Stage("motion input", sensor.name, sensor.motion is not None, motion, ("cantools",))
+        reason = f"motion of {sensor.motion}" if sensor.motion else "the scene asks for none"
+        yield Stage("motion input", sensor.name, bool(sensor.motion), reason, ("cantools",))
     kinds = [injection.kind for injection in scene.injections if injection.sensor == sensor.name]
     yield Stage(
         "inject",
