@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.ars408_layout import MODES, Kind, ListLayout, ModeLayout
+from drivers.ars408_layout import MODES, Kind, ModeLayout
 from drivers.frame import StampSource
 
 IndexArray = NDArray[np.intp]
@@ -167,45 +167,44 @@ def _decode(
 ) -> Iterator[tuple[int, Cycle]]:
     """Decode each list of all regular cycles of one mode at once, and cut it into cycles."""
     wanted = regular[cycle]
-    key = _IDS * cycle + frames.payload[:, 0]
-    general = np.flatnonzero(wanted & (frames.kind == mode.general.kind))
-    columns = [mode.general.decode(frames.payload[general])]
-    broken = [_repeated(key[general])]
+    size = counts[regular, mode.general.kind]
+    first_key = _IDS * np.arange(len(size))
+    payload = frames.payload.compress(wanted & (frames.kind == mode.general.kind), axis=0)
+    general = np.repeat(first_key, size) + payload[:, 0]
+    broken = _repeated(general)
+    columns = [(mode.general.decode(payload), _bounds(size))]
     for layout in mode.optional:
-        place = np.flatnonzero(wanted & (frames.kind == layout.kind))
-        partner = general[counts[cycle[general], layout.kind] > 0]
-        order, strangers = _join(key[partner], key[place])
-        columns.append(layout.decode(frames.payload[place[order]]))
-        broken.append(strangers)
-    refused = set((np.concatenate(broken) // _IDS).tolist())
-    last = _last_rows(frames, cycle, len(regular))
-    bounds = [_bounds(regular, counts, layout) for layout in mode.lists]
+        present = counts[regular, layout.kind]
+        payload = frames.payload.compress(wanted & (frames.kind == layout.kind), axis=0)
+        optional = np.repeat(first_key, present) + payload[:, 0]
+        order, strangers = _join(general[np.repeat(present > 0, size)], optional)
+        broken = np.append(broken, strangers)
+        columns.append((layout.decode(payload.take(order, axis=0)), _bounds(present)))
+    refused = set((broken // _IDS).tolist())
+    last = _last_rows(frames, cycle, regular)
     for number, index in enumerate(np.flatnonzero(regular).tolist()):
-        if index in refused:
+        if number in refused:
             continue
-        parts = [slice(bound[number], bound[number + 1]) for bound in bounds]
-        arrays = {
-            name: column[part]
-            for fields, part in zip(columns, parts, strict=True)
-            if part.start < part.stop
-            for name, column in fields.items()
-        }
-        present = tuple(part.start < part.stop for part in parts[1:])
-        yield index, Cycle(last[index], present, arrays)
+        arrays: dict[str, NDArray[Any]] = {}
+        for fields, bounds in columns:
+            begin, end = bounds[number], bounds[number + 1]
+            if begin < end:
+                arrays |= {name: column[begin:end] for name, column in fields.items()}
+        present = tuple(bounds[number] < bounds[number + 1] for _, bounds in columns[1:])
+        yield index, Cycle(last[number], present, arrays)
 
 
-def _last_rows(frames: RadarFrames, cycle: IndexArray, cycles: int) -> list[int]:
-    """Return the row of the last frame of each cycle that is no radar state."""
-    listed = frames.kind != Kind.RADAR_STATE
-    last = np.zeros(cycles, np.intp)
-    last[cycle[listed]] = frames.row[listed]  # of several assignments the last one stands
-    rows: list[int] = last.tolist()
+def _bounds(sizes: IndexArray) -> list[int]:
+    """Return where each cycle begins in a decoded list, and where the last one ends."""
+    return [0, *np.cumsum(sizes).tolist()]
+
+
+def _last_rows(frames: RadarFrames, cycle: IndexArray, regular: NDArray[np.bool_]) -> list[int]:
+    """Return the row of the last frame of each regular cycle that is no radar state."""
+    listed = np.flatnonzero(frames.kind != Kind.RADAR_STATE)
+    after = np.searchsorted(cycle[listed], np.flatnonzero(regular), side="right")
+    rows: list[int] = frames.row[listed[after - 1]].tolist()
     return rows
-
-
-def _bounds(regular: NDArray[np.bool_], counts: IndexArray, layout: ListLayout) -> list[int]:
-    """Return where each regular cycle begins in a decoded list, and where the last ends."""
-    return [0, *np.cumsum(counts[regular, layout.kind]).tolist()]
 
 
 def _repeated(key: IndexArray) -> IndexArray:
