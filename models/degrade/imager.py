@@ -204,18 +204,18 @@ def _smear(motion: Motion, image: Image) -> Image:
 
 def _sprinkle(stuck: Stuck, image: Image) -> Image:
     """Turn pixels white or black: two random bytes a pixel decide."""
-    pixels = image.shape[0] * image.shape[1]
+    flat = np.ascontiguousarray(image).reshape(1, -1, 3)
+    pixels = flat.shape[1]
     edge = round(stuck.pixel_share / 2 * 65536)
-    table = np.full(65536, 128, np.uint8)
-    table[:edge], table[65536 - edge :] = 0, 255
-    fate = np.empty((1, pixels), np.uint8)
+    at_least, at_most = np.zeros(65536, np.uint8), np.full(65536, 255, np.uint8)
+    at_least[65536 - edge :], at_most[:edge] = 255, 0
+    result = np.empty_like(flat)
     fine = strips(stuck.seed ^ 1, pixels, 1)
     for (part, random, _), (_, more, _) in zip(strips(stuck.seed, pixels, 1), fine, strict=True):
-        fate[:, part] = cv2.LUT(cv2.merge([random, more]).view("<u2").reshape(1, -1), table)
-    fate = cv2.merge([fate.reshape(image.shape[:2])] * 3)
-    low = np.where(_VALUES == 255, 255, 0).astype(np.uint8)
-    high = np.where(_VALUES == 0, 0, 255).astype(np.uint8)
-    return np.asarray(cv2.min(cv2.max(image, cv2.LUT(fate, low)), cv2.LUT(fate, high)), np.uint8)
+        fate = cv2.merge([random, more]).view("<u2").reshape(1, -1)
+        low, high = (cv2.merge([cv2.LUT(fate, table)] * 3) for table in (at_least, at_most))
+        result[:, part] = cv2.min(cv2.max(flat[:, part], low), high)
+    return np.asarray(result.reshape(image.shape), np.uint8)
 
 
 def _kill(stuck: Stuck, image: Image) -> Image:

@@ -284,7 +284,8 @@ def _put_drops(weather: Weather, image: Image) -> Image:
     height, width = image.shape[:2]
     result = image.copy()
     far = (max(1, width // _FAR), max(1, height // _FAR))
-    small = np.asarray(cv2.resize(image, far, interpolation=cv2.INTER_AREA), np.uint8)
+    whole = image[: far[1] * _FAR, : far[0] * _FAR]
+    small = np.asarray(cv2.resize(whole, far, interpolation=cv2.INTER_AREA), np.uint8)
     drops = np.stack([_uniform(seed, (_DROPS_A_GROUP, 3)) for seed in weather.seeds], axis=1)
     for across, down, size in drops.reshape(-1, 3)[: weather.count]:
         radius = max(1, round((0.01 + 0.03 * size) * height))
@@ -292,21 +293,20 @@ def _put_drops(weather: Weather, image: Image) -> Image:
         top, left = max(0, radius - y), max(0, radius - x)
         spot = result[y - radius + top : y + radius, x - radius + left : x + radius]
         cut = np.s_[top : top + spot.shape[0], left : left + spot.shape[1]]
-        shown = _seen_in_drop(small, across, down, radius)[cut]
-        mask = _disc(radius)[cut][..., None]
-        spot[...] = np.rint(spot + (shown - spot) * mask).astype(np.uint8)
+        shown, mask = _seen_in_drop(small, across, down, radius)[cut], _disc(radius)[cut]
+        spot[...] = cv2.blendLinear(shown, spot, mask, 1 - mask)
     return result
 
 
-def _seen_in_drop(small: Image, across: float, down: float, radius: int) -> NDArray[np.float32]:
+def _seen_in_drop(small: Image, across: float, down: float, radius: int) -> Image:
     """Return (2 radius, 2 radius, 3): a third of the scene around the drop, upside down."""
     height, width = small.shape[:2]
     half = max(1, height // 3)
     x, y = int(across * width), int(down * height)
     part = small[max(0, y - half) : y + half, max(0, x - half) : x + half]
     size = (2 * radius, 2 * radius)
-    seen = cv2.resize(part[::-1, ::-1], size, interpolation=cv2.INTER_LINEAR_EXACT)
-    return np.asarray(seen, np.float32)
+    seen = cv2.resize(part, size, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(cv2.rotate(seen, cv2.ROTATE_180), np.uint8)
 
 
 @cache

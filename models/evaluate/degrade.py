@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from drivers.scan import RadarScan
 from models.degrade import camera, imager, jammer, load, propagation, radar, weather
 from models.degrade.draw import DrawKey
+from models.evaluate.peers import compare
 from models.evaluate.report import Goal, Point
 from models.sensor import ARS408
 
@@ -133,6 +134,7 @@ def _camera(quick: bool) -> Iterator[Point | Goal]:
     yield Goal("blur, greatest error inside, counts", worst_blur, 4.0, False)
     slow = max(slowest, key=lambda kind: slowest[kind])
     yield Goal(f"slowest camera kind ({slow}), ms", slowest[slow] / 1e3, 5.0, False)
+    yield from compare(image, slowest, quick)
 
 
 def _methods(level: float, image: Image) -> Iterator[tuple[str, str, Any, Exact]]:

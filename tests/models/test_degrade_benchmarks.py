@@ -1,8 +1,14 @@
 from __future__ import annotations
 
-import cv2
+import sys
 
+import cv2
+import numpy as np
+import pytest
+
+from dbc.errors import InputError
 from models.evaluate import degrade, stability
+from models.evaluate.peers import compare
 from models.evaluate.report import Goal, Point
 
 
@@ -16,7 +22,8 @@ def test_nothing_fails_at_the_extremes():
         assert point.error < limit, point
 
 
-def test_the_benchmark_measures_every_kind_and_leaves_opencv_as_it_was():
+def test_the_benchmark_measures_every_kind_and_leaves_opencv_as_it_was(monkeypatch):
+    monkeypatch.delenv("MURK_PEERS", raising=False)
     before = cv2.getNumThreads()
     results = list(degrade.run(quick=True))
     assert cv2.getNumThreads() == before
@@ -29,3 +36,18 @@ def test_the_benchmark_measures_every_kind_and_leaves_opencv_as_it_was():
     ]
     assert len(accuracy) == 3
     assert all(goal.met for goal in accuracy), accuracy
+
+
+def test_peers_are_compared_where_they_are(monkeypatch, tmp_path):
+    """A stand-in for another library's package, in this interpreter."""
+    package = tmp_path / "imagecorruptions.py"
+    package.write_text("def corrupt(image, corruption_name, severity):\n    return image.copy()\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("MURK_PEERS", sys.executable)
+    own = dict.fromkeys(degrade.load("camera"), 1e-3)
+    goals = list(compare(np.zeros((9, 16, 3), np.uint8), own, quick=True))
+    assert {goal.goal for goal in goals} == {20.0}
+    assert all("imagecorruptions" in goal.name and goal.met for goal in goals)
+    monkeypatch.setenv("MURK_PEERS", str(tmp_path / "no-python"))
+    with pytest.raises(InputError, match="MURK_PEERS"):
+        list(compare(np.zeros((9, 16, 3), np.uint8), own, quick=True))
