@@ -62,8 +62,8 @@ def draw_light(rng: np.random.Generator) -> Light:
     )
     overcast = rng.random() < 0.3
     gray = rng.uniform(0.85, 1.05)
-    zenith = (205.0, 200.0, 196.0) if overcast else (205.0, 160.0, 110.0)
-    horizon = (232.0, 230.0, 228.0) if overcast else (240.0, 228.0, 212.0)
+    zenith = (205.0, 200.0, 196.0) if overcast else (188.0, 138.0, 92.0)
+    horizon = (232.0, 230.0, 228.0) if overcast else (232.0, 218.0, 200.0)
     return Light(
         sun=sun,
         direct=rng.uniform(0.0, 0.15) if overcast else rng.uniform(0.5, 0.75),

@@ -52,7 +52,7 @@ def _sprite(rng: np.random.Generator, crown: float, trunk: bool) -> Image:
     solid = (body + 0.30 * leaves > 0.08) & (x > 0.01) & (x < 0.99) & (y > 0.01)
     lumps = clouds(rng, _SIDE, _SIDE, 1.3)
     tone = 1.0 - 0.55 * y / crown + 0.13 * lumps + 0.17 * leaves
-    green = np.array([44, 92, 84]) * rng.uniform(0.75, 1.2) + rng.uniform(-12, 12, 3)
+    green = np.array([52, 112, 100]) * rng.uniform(0.75, 1.2) + rng.uniform(-12, 12, 3)
     sprite = np.zeros((_SIDE, _SIDE, 4))
     if trunk:
         stem = (np.abs(x - 0.5) < 0.022 + 0.01 * (y > 0.9)) & (y > 0.4)

@@ -34,7 +34,7 @@ def asphalt(rng: np.random.Generator, side: int = 1024) -> Image:
     grain = rng.standard_normal((side, side)).astype(np.float32)
     stones = cv2.GaussianBlur(rng.standard_normal((side, side)).astype(np.float32), (0, 0), 1.2)
     field = 0.5 * grain + 0.7 * stones / stones.std() + 0.5 * clouds(rng, side, side, 1.0)
-    return as_factor(field / field.std(), 0.20)
+    return as_factor(field / field.std(), 0.14)
 
 
 def grass(rng: np.random.Generator, side: int = 1024) -> Image:
