@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from dbc.errors import MurkError
-from node.cli import bench, demo, doctor, estimate, gateway, plan, play, run, train
+from node.cli import bench, demo, doctor, estimate, gateway, plan, play, radar, run, train
 
 app = typer.Typer(
     name="murk",
@@ -44,6 +44,7 @@ app.command()(bench.bench)
 app.command()(doctor.doctor)
 app.command()(train.train)
 app.command()(play.play)
+app.add_typer(radar.app, name="radar")
 app.command()(gateway.gateway)
 
 
