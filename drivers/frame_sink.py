@@ -197,14 +197,14 @@ class PipeSink(FrameSink):
 
     def _open(self, path: Path) -> int | None:
         """Wait for a reader; None where none came before the stop."""
-        while not self._stop.is_set():
+        while True:
             try:
                 return os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC)
             except OSError as error:
                 if error.errno != errno.ENXIO:
                     raise VideoError(path, f"cannot be written ({error.strerror})") from None
-            self._stop.wait(_WAIT_S)
-        return None
+            if self._stop.wait(_WAIT_S):
+                return None
 
 
 def write_all(descriptor: int, data: memoryview, stop: Event) -> None:

@@ -63,13 +63,14 @@ class CameraFaults:
         -------
         The frame, None where it does not come; and how late it comes, nanoseconds.
         """
-        image = frame.image
-        last = image if self._last is None or self._last.shape != image.shape else self._last
-        if self._hits("frozen", rates, frame):
+        image, last = frame.image, self._last
+        if last is not None and last.shape != image.shape:
+            last = None
+        if last is not None and self._hits("frozen", rates, frame):
             image = last
         if self._hits("black", rates, frame):
             image = np.zeros_like(image)
-        if self._hits("torn", rates, frame):
+        if last is not None and self._hits("torn", rates, frame):
             line = int(self._place("torn", frame) * len(image))
             image = np.concatenate([image[:line], last[line:]])
         self._last = image
@@ -82,8 +83,9 @@ class CameraFaults:
 
     def _hits(self, fault: str, rates: Mapping[str, float], frame: Frame) -> bool:
         rate = rates.get(fault, 0)
-        hit = rate > 0 and bool(self._generator(f"{fault}", frame).random() < rate / 100)
-        self.counts[fault] += hit
+        hit = rate > 0 and bool(self._generator(fault, frame).random() < rate / 100)
+        if hit:
+            self.counts[fault] += 1
         return hit
 
     def _place(self, fault: str, frame: Frame) -> float:

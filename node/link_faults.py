@@ -172,7 +172,8 @@ class LinkFaults:
     def _hits_scan(self, fault: str, rates: Mapping[str, float], number: int) -> bool:
         rate = rates.get(fault, 0)
         hit = rate > 0 and bool(self._generator(fault, number).random() < rate / 100)
-        self.counts[fault] += hit
+        if hit:
+            self.counts[fault] += 1
         return hit
 
     def _generator(self, fault: str, number: int) -> np.random.Generator:
