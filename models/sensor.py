@@ -5,6 +5,7 @@ Another radar is another instance of ``RadarSensor``, not new code.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -131,15 +132,18 @@ class RadarSensor:
     def _nodes_rad(self) -> FloatArray:
         return np.radians(self.azimuth_nodes_deg)
 
+    @cached_property
+    def _near_azimuth_std(self) -> FloatArray:
+        return np.radians(self.near_azimuth_std_deg)
+
     def range_std(self, range_m: ArrayLike) -> FloatArray:
         """Return the accuracy of the range, m, by range in m."""
         return np.where(self.is_near(range_m), self.near_range_std_m, self.far_range_std_m)
 
     def azimuth_std(self, range_m: ArrayLike, azimuth_rad: ArrayLike) -> FloatArray:
         """Return the accuracy of the azimuth, rad, by range in m and azimuth in rad."""
-        near = self._by_azimuth(self.near_azimuth_std_deg, azimuth_rad)
-        degrees = np.where(self.is_near(range_m), near, self.far_azimuth_std_deg)
-        return np.asarray(np.radians(degrees))
+        near = np.interp(np.abs(azimuth_rad), self._nodes_rad, self._near_azimuth_std)
+        return np.where(self.is_near(range_m), near, math.radians(self.far_azimuth_std_deg))
 
     def range_resolution(self, range_m: ArrayLike) -> FloatArray:
         """Return the range resolution, m, by range in m."""

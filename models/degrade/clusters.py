@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.intp]
 
+_NAMES = tuple(field.name for field in fields(RadarScan))
 _FIELDS = ("x", "y", "vx", "vy", "rcs")
 _PDH0_BOUNDS = np.array([0.25, 0.5, 0.75, 0.9, 0.99, 0.999, 1.0])
 _PDH0_MIDDLES = np.array([1.0, 0.125, 0.375, 0.625, 0.825, 0.945, 0.9945, 0.9995])
@@ -141,16 +142,17 @@ class Clusters:
         order = np.minimum(np.maximum(self.order, distance - cell), distance + cell)
         index = np.lexsort((order, self.far))[:limit]
         self._take(index)
-        changed: dict[str, Any] = {
-            name: array[self.source] for name, array in scan.arrays().items() if name not in _FIELDS
-        }
-        changed |= zip(_FIELDS, on_grid.take(index, axis=1).astype(np.float32), strict=True)
-        if self.invalid_state is not None:
-            changed["invalid_state"] = self.invalid_state
-        changed["id"] = np.arange(len(self), dtype=np.uint8)
         far = int(np.count_nonzero(self.far))
-        changed |= {"near": len(self) - far, "far": far}
-        return replace(scan, frames_lost=scan.frames_lost + self.masked, **changed)
+        values: dict[str, Any] = {name: getattr(scan, name) for name in _NAMES}
+        for name, value in values.items():
+            if isinstance(value, np.ndarray):
+                values[name] = value[self.source]
+        values |= zip(_FIELDS, on_grid.take(index, axis=1).astype(np.float32), strict=True)
+        values["invalid_state"] = self.invalid_state
+        values["id"] = np.arange(len(self), dtype=np.uint8)
+        values["near"], values["far"] = len(self) - far, far
+        values["frames_lost"] += self.masked
+        return RadarScan(**values)
 
 
 def consistent_quality(scan: RadarScan, drop_db: float, sensor: RadarSensor) -> RadarScan:

@@ -35,6 +35,9 @@ KINDS = ("snr", "ghosts", "missed", "jitter")
 GHOST_INVALID_STATES = (4, 9, 10, 11, 12)
 MAX_GHOSTS = 4
 
+_NEPERS_PER_DB = float(np.log(10.0)) / 10.0
+"""Of power."""
+
 
 @dataclass(frozen=True, slots=True)
 class Ghost:
@@ -218,8 +221,9 @@ def is_missed(
     deviates:
         Standard normal, one a cluster.
     """
-    remaining = 10.0 ** (np.clip(margin_db - drop_db, -3000.0, 3000.0) / 10.0)
-    return np.asarray(remaining + np.asarray(level) / 100.0 * deviates < 1.0)
+    over = np.minimum(margin_db - drop_db, 3000.0)
+    remaining = np.exp(over * _NEPERS_PER_DB)
+    return np.asarray(remaining + np.multiply(level, 0.01) * deviates < 1.0)
 
 
 def std_growth(drop_db: float | FloatArray) -> FloatArray:
@@ -228,7 +232,7 @@ def std_growth(drop_db: float | FloatArray) -> FloatArray:
     The measurement's variance grows as 1 / SNR; only what it gains is added. A gain of SNR
     (negative drop) adds nothing.
     """
-    gained = np.expm1(np.maximum(drop_db, 0.0) * (np.log(10.0) / 10.0))
+    gained = np.expm1(np.maximum(drop_db, 0.0) * _NEPERS_PER_DB)
     return np.asarray(np.sqrt(gained), np.float64)
 
 
@@ -251,9 +255,9 @@ def jitter(clusters: Clusters, growth: FloatArray, deviates: FloatArray) -> None
         (3, n) standard normal.
     """
     sensor, distance, azimuth = clusters.sensor, clusters.range, clusters.azimuth
-    faster = growth * sensor.velocity_std * deviates[2]
-    clusters.rows[2] += faster * np.cos(azimuth)
-    clusters.rows[3] += faster * np.sin(azimuth)
+    faster = growth * sensor.velocity_std * deviates[2] / np.maximum(distance, sensor.range_min_m)
+    clusters.rows[2] += faster * clusters.rows[0]
+    clusters.rows[3] += faster * clusters.rows[1]
     moved = distance + growth * sensor.range_std(distance) * deviates[0]
     turned = azimuth + growth * sensor.azimuth_std(distance, azimuth) * deviates[1]
     clusters.move(np.maximum(moved, sensor.range_min_m), turned)
