@@ -56,12 +56,16 @@ class CanLogSource:
 
     def __init__(self, sensor: Sensor) -> None:
         self._sensor = sensor
+        next(self._batches(), None)  # a file that is no log is told before the run begins
+
+    def _batches(self) -> Iterator[CanFrames]:
+        from drivers.can_log import read_log
+
+        return read_log(Path(self._sensor.source))
 
     def messages(self) -> Iterator[Message]:
         """Yield the radar's messages; see ``Source``."""
-        from drivers.can_log import read_log
-
-        return _assembled(self._sensor, read_log(Path(self._sensor.source)))
+        return _assembled(self._sensor, self._batches())
 
     def close(self) -> None:
         """Nothing stays open between reads."""

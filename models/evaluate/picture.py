@@ -67,7 +67,7 @@ def _panel(axis: Axes, sensor: str, levels: Sequence[NoiseLevel]) -> None:
     axis.set_title(sensor, loc="left")
     axis.set_ylabel("noise level, %")
     axis.set_ylim(-3, 112)
-    axis.legend(loc="upper right", frameon=False, ncols=2)
+    axis.legend(loc="lower right", bbox_to_anchor=(1, 1), frameon=False, ncols=2)
     axis.spines[["top", "right"]].set_visible(False)
 
 

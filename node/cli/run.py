@@ -97,7 +97,7 @@ def execute(scene: Scene, *, json: bool) -> dict[str, Any]:
         summary["picture"] = str(scene.outputs.picture)
     if json:
         emit({"type": "summary", **summary})
-    else:
+    elif error is None or any(counts["received"] for counts in summary["sensors"].values()):
         from node.cli.live import print_summary
 
         print_summary(summary)

@@ -48,7 +48,7 @@ def test_a_radar_run_loads_no_video_library_and_builds_no_injector() -> None:
         "import sys; from node.cli import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
-        "wanted = ('cv2', 'av', 'matplotlib', 'torch', 'can', 'node.cli.live')\n"
+        "wanted = ('cv2', 'av', 'matplotlib', 'torch', 'node.cli.live', 'models.degrade.radar')\n"
         "sys.stderr.write(' '.join(name for name in wanted if name in sys.modules))"
     )
     flags = ["run", "--radar", "world", "--fast", "--duration", "1", "--json"]
