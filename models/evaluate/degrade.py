@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.scan import RadarScan
-from models.degrade import camera, imager, jammer, load, propagation, radar, weather
+from models.degrade import camera, imager, jammer, propagation, radar, weather
 from models.degrade.draw import DrawKey
+from models.degrade.kinds import KINDS, module_of
 from models.evaluate.peers import compare
 from models.evaluate.report import Goal, Point
 from models.sensor import ARS408
@@ -206,9 +207,10 @@ def _repetition() -> tuple[float, float]:
 
 def _others(quick: bool, image: Image, slowest: dict[str, float]) -> Iterator[Point]:
     """Measure the kinds that have one method; those defined by their steps have no error."""
-    for kind, module in load("camera").items():
-        if module is camera:
+    for kind in KINDS["camera"]:
+        if kind in camera.KINDS:
             continue
+        module = module_of("camera", kind)
         drawn = module.draw(kind, 60.0, _KEY)
         time_us = _time_us(partial(module.apply, drawn, image), quick)
         error, small = 0.0, textured_image(300, 480)

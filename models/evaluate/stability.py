@@ -20,8 +20,8 @@ import numpy as np
 
 from dbc.errors import InputError
 from drivers.scan import RadarScan
-from models.degrade import MODULES, load
 from models.degrade.draw import DrawKey
+from models.degrade.kinds import KINDS, module_of
 from models.degrade.radar import echo_db, std_growth
 from models.degrade.sequence import RandomWalk
 from models.evaluate.degrade import full_scan, textured_image
@@ -78,9 +78,10 @@ def _walks(count: int) -> Iterator[Point]:
 
 def _every_kind(sequences: tuple[int, ...]) -> Iterator[Goal]:
     failed = off_grid = accepted = calls = 0
-    for sensor in MODULES:
+    for sensor, kinds in KINDS.items():
         messages = _images() if sensor == "camera" else _scans()
-        for kind, module in load(sensor).items():
+        for kind in kinds:
+            module = module_of(sensor, kind)
             accepted += sum(_accepts(module, kind, level) for level in _REFUSED)
             for message, level, sequence in product(messages, _LEVELS, sequences):
                 calls += 1

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from dbc.errors import InputError
+from models.degrade.kinds import KINDS
 from models.evaluate import degrade, stability
 from models.evaluate.peers import compare
 from models.evaluate.report import Goal, Point
@@ -29,7 +30,7 @@ def test_the_benchmark_measures_every_kind_and_leaves_opencv_as_it_was(monkeypat
     assert cv2.getNumThreads() == before
     points = [result for result in results if isinstance(result, Point)]
     named = {point.variant.split(",")[0].removeprefix("radar ") for point in points}
-    assert named == {kind for sensor in ("camera", "radar") for kind in degrade.load(sensor)}
+    assert named == {kind for kinds in KINDS.values() for kind in kinds}
     assert all(point.run_time_us > 0 and point.error >= 0 for point in points)
     accuracy = [
         r for r in results if isinstance(r, Goal) and "ms" not in r.name and "µs" not in r.name
@@ -44,7 +45,7 @@ def test_peers_are_compared_where_they_are(monkeypatch, tmp_path):
     package.write_text("def corrupt(image, corruption_name, severity):\n    return image.copy()\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setenv("MURK_PEERS", sys.executable)
-    own = dict.fromkeys(degrade.load("camera"), 1e-3)
+    own = dict.fromkeys(KINDS["camera"], 1e-3)
     goals = list(compare(np.zeros((9, 16, 3), np.uint8), own, quick=True))
     assert {goal.goal for goal in goals} == {20.0}
     assert all("imagecorruptions" in goal.name and goal.met for goal in goals)

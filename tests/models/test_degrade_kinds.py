@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from degrade_scans import make_scan
 
-from models.degrade import MODULES, load
 from models.degrade.draw import DrawKey
+from models.degrade.kinds import KINDS, module_of
 
-KINDS = [(sensor, kind) for sensor in MODULES for kind in load(sensor)]
+EVERY = [(sensor, kind) for sensor, kinds in KINDS.items() for kind in kinds]
 
 
 def message(sensor):
@@ -31,20 +31,20 @@ def as_bytes(result):
 
 
 def degrade(sensor, kind, sequence):
-    module = load(sensor)[kind]
+    module = module_of(sensor, kind)
     drawn = module.draw(kind, 60, DrawKey(4, sensor, sequence))
     return as_bytes(module.apply(drawn, message(sensor)))
 
 
-def test_no_two_modules_have_the_same_kind():
-    from importlib import import_module
+@pytest.mark.parametrize("sensor", KINDS)
+def test_the_list_of_kinds_is_that_of_the_modules(sensor):
+    kinds = KINDS[sensor]
+    assert len(set(kinds)) == len(kinds)
+    modules = {module_of(sensor, kind) for kind in kinds}
+    assert set(kinds) == {kind for module in modules for kind in module.KINDS}
 
-    for sensor, names in MODULES.items():
-        count = sum(len(import_module(f"models.degrade.{name}").KINDS) for name in names)
-        assert count == len(load(sensor))
 
-
-@pytest.mark.parametrize(("sensor", "kind"), KINDS)
+@pytest.mark.parametrize(("sensor", "kind"), EVERY)
 def test_the_same_bytes_on_one_and_on_eight_threads_forwards_and_shuffled(sensor, kind):
     forwards = [degrade(sensor, kind, sequence) for sequence in range(8)]
     order = [5, 2, 7, 0, 3, 6, 1, 4]
@@ -58,7 +58,7 @@ def test_the_same_bytes_on_one_and_on_eight_threads_forwards_and_shuffled(sensor
 def test_another_process_gives_the_same_bytes():
     code = (
         "import hashlib, test_degrade_kinds as t;"
-        "print(hashlib.sha256(b''.join(t.degrade(*k, 3) for k in t.KINDS)).hexdigest())"
+        "print(hashlib.sha256(b''.join(t.degrade(*k, 3) for k in t.EVERY)).hexdigest())"
     )
     path = ":".join(sys.path)
     runs = {
@@ -71,18 +71,19 @@ def test_another_process_gives_the_same_bytes():
     assert len(runs) == 1
 
 
-@pytest.mark.parametrize(("sensor", "kind"), KINDS)
+@pytest.mark.parametrize(("sensor", "kind"), EVERY)
 @pytest.mark.parametrize("level", [1e-9, 100])
 def test_a_read_only_message_is_enough(sensor, kind, level):
     given = message(sensor)
     arrays = [given] if isinstance(given, np.ndarray) else list(given.arrays().values())
     for array in arrays:
         array.setflags(write=False)
-    module = load(sensor)[kind]
+    module = module_of(sensor, kind)
     module.apply(module.draw(kind, level, DrawKey(4, sensor, 3)), given)
 
 
 def test_radar_kinds_load_no_image_library():
-    code = "import sys; from models.degrade import load; load('radar'); print('cv2' in sys.modules)"
+    code = "import sys; from models.degrade.kinds import KINDS, module_of as m;"
+    code += "[m('radar', kind) for kind in KINDS['radar']]; print('cv2' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert run.stdout == "False\n"
