@@ -22,7 +22,7 @@ _BATCH = 4096
 _LATEST_STAMP_S = 2**63 / 1e9
 
 
-def read_log(path: str | Path, chunk_bytes: int = 1 << 19) -> Iterator[CanFrames]:
+def read_log(path: str | Path, chunk_bytes: int = 1 << 18) -> Iterator[CanFrames]:
     """Read a CAN log in batches of constant memory; its format is told by the suffix.
 
     candump text (``.log``, ``.txt``, ``.candump``) is read by ``drivers.candump``, anything else by

@@ -30,7 +30,7 @@ _RELATIVE_STAMP = re.compile(rb"^\s*\((\d+)\.(\d+)\)", re.MULTILINE)
 _ERROR_BIT = 0x20000000
 
 
-def read_candump(path: str | Path, chunk_bytes: int = 1 << 19) -> Iterator[CanFrames]:
+def read_candump(path: str | Path, chunk_bytes: int = 1 << 18) -> Iterator[CanFrames]:
     """Read a candump log, ``.gz`` included, in chunks of constant memory.
 
     Stamps are exact. Seconds and dates are taken as written, a date as UTC because the log does
@@ -57,7 +57,7 @@ def read_candump(path: str | Path, chunk_bytes: int = 1 << 19) -> Iterator[CanFr
         If the file cannot be opened or holds no frame; and at the first line that is not a CAN
         frame, after all frames before it have been yielded.
     """
-    channels: dict[str, int] = {}
+    reader = _LineReader()
     line_number = 1
     frame_count = 0
     last_ns = 0
@@ -66,7 +66,7 @@ def read_candump(path: str | Path, chunk_bytes: int = 1 << 19) -> Iterator[CanFr
             are_differences = _are_differences(file.peek(_HEAD_BYTES))
             for text in _whole_lines(file, chunk_bytes):
                 lines = _Lines.of(text)
-                frames, good = _read_lines(lines, channels)
+                frames, good = reader.read(lines)
                 if are_differences and len(frames):
                     frames = replace(frames, stamp_ns=last_ns + np.cumsum(frames.stamp_ns))
                     last_ns = int(frames.stamp_ns[-1])
@@ -181,53 +181,79 @@ class _Lines:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """The lines of one layout and what they say."""
+    """Lines of one layout, by their rows in rising order, and what they say."""
 
     rows: NDArray[np.intp]
     layout: Layout
     fields: Fields
 
 
-def _read_lines(lines: _Lines, channels: dict[str, int]) -> tuple[CanFrames, int]:
-    """Return the frames before the first line that is none, and how many they are."""
-    parts: list[_Part] = []
-    good = len(lines)
-    for length in np.flatnonzero(np.bincount(lines.length)):
-        rows = np.flatnonzero(lines.length == length)
-        while len(rows) and rows[0] < good:
-            layout = layout_of(lines[rows[0]])
-            fields = layout.read(lines.characters(rows)) if layout else None
-            if layout is None or fields is None or not fields.fits[0]:
-                good = int(rows[0])
-                break
-            parts.append(_Part(rows, layout, fields))
-            rows = rows[~fields.fits]
-    parts = sorted((part for part in parts if part.rows[0] < good), key=lambda part: part.rows[0])
-    return _join(parts, good, channels), good
+class _LineReader:
+    """Reads lines; the layouts and channels that it has met are known from then on."""
 
+    def __init__(self) -> None:
+        self._layouts: dict[int, list[Layout]] = {}
+        self._channels: dict[str, int] = {}
 
-def _join(parts: list[_Part], count: int, channels: dict[str, int]) -> CanFrames:
-    """Put the parts' first ``count`` rows in order; a new channel gets the next index."""
-    is_fd = any(FrameFlag.FD in part.layout.flags for part in parts)
-    stamp_ns = np.empty(count, np.int64)
-    can_id = np.empty(count, np.uint32)
-    length = np.empty(count, np.uint8)
-    data = np.zeros((count, 64 if is_fd else 8), np.uint8)
-    flags = np.empty(count, np.uint8)
-    channel = np.empty(count, np.uint8)
-    for part in parts:
-        wanted = part.fields.fits & (part.rows < count)
-        keep = slice(None) if wanted.all() else wanted
-        rows = part.rows[keep]
-        stamp_ns[rows] = part.fields.stamp_ns[keep]
-        can_id[rows] = part.fields.can_id[keep]
-        length[rows] = part.layout.length
-        data[rows, : part.fields.data.shape[1]] = part.fields.data[keep]
-        flags[rows] = part.fields.flags[keep]
-        if len(channels) == 256 and part.layout.channel not in channels:
+    def read(self, lines: _Lines) -> tuple[CanFrames, int]:
+        """Return the frames before the first line that is none, and how many they are."""
+        parts: list[_Part] = []
+        good = len(lines)
+        for length in np.flatnonzero(np.bincount(lines.length)).tolist():
+            rows = np.flatnonzero(lines.length == length)
+            known = self._layouts.setdefault(length, [])
+            for layout in known:
+                rows = _read_layout(layout, lines, rows, parts)
+            while len(rows) and rows[0] < good:
+                first = rows[0]
+                new = layout_of(lines[first])
+                if new is not None:
+                    known.append(new)
+                    rows = _read_layout(new, lines, rows, parts)
+                if first in rows[:1]:
+                    good = int(first)
+        parts.sort(key=lambda part: int(part.rows[0]))
+        return self._join(parts, good), good
+
+    def _join(self, parts: list[_Part], count: int) -> CanFrames:
+        """Put the parts' rows below ``count`` in order; a new channel gets the next index."""
+        parts = [part for part in parts if part.rows[0] < count]
+        is_fd = any(FrameFlag.FD in part.layout.flags for part in parts)
+        stamp_ns = np.empty(count, np.int64)
+        can_id = np.empty(count, np.uint32)
+        length = np.empty(count, np.uint8)
+        data = np.zeros((count, 64 if is_fd else 8), np.uint8)
+        flags = np.empty(count, np.uint8)
+        channel = np.empty(count, np.uint8)
+        for part in parts:
+            rows = part.rows[: np.searchsorted(part.rows, count)]
+            stamp_ns[rows] = part.fields.stamp_ns[: len(rows)]
+            can_id[rows] = part.fields.can_id[: len(rows)]
+            length[rows] = part.layout.length
+            data[rows, : part.fields.data.shape[1]] = part.fields.data[: len(rows)]
+            flags[rows] = part.fields.flags[: len(rows)]
+            channel[rows] = self._channel(part.layout.channel)
+        channels = tuple(self._channels)
+        return CanFrames(stamp_ns, can_id, length, data, flags, channel, channels)
+
+    def _channel(self, name: str) -> int:
+        if len(self._channels) == 256 and name not in self._channels:
             raise OverflowError("it names more than 256 CAN interfaces")
-        channel[rows] = channels.setdefault(part.layout.channel, len(channels))
-    return CanFrames(stamp_ns, can_id, length, data, flags, channel, channels=tuple(channels))
+        return self._channels.setdefault(name, len(self._channels))
+
+
+def _read_layout(
+    layout: Layout, lines: _Lines, rows: NDArray[np.intp], parts: list[_Part]
+) -> NDArray[np.intp]:
+    """Add the rows that have a layout to the parts; return those that have not."""
+    if not len(rows):
+        return rows
+    fields = layout.read(lines.characters(rows))
+    if fields.fits.all():
+        parts.append(_Part(rows, layout, fields))
+    elif fields.fits.any():
+        parts.append(_Part(rows[fields.fits], layout, fields.select(fields.fits)))
+    return rows[~fields.fits]
 
 
 def _reason(error: Exception) -> str:

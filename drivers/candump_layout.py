@@ -75,6 +75,16 @@ class Fields:
     flags: NDArray[np.uint8]
     data: NDArray[np.uint8]
 
+    def select(self, rows: NDArray[np.bool_]) -> Fields:
+        """Return what some of the lines say."""
+        return Fields(
+            self.fits[rows],
+            self.stamp_ns[rows],
+            self.can_id[rows],
+            self.flags[rows],
+            self.data[rows],
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stamp:
