@@ -89,9 +89,13 @@ def _progress(player: Player) -> Live:
 def _print(summary: dict[str, int | float]) -> None:
     from rich.console import Console
 
-    Console().print(
-        f"{summary['frames']:,} frames in {summary['duration_s']:.1f} s, {summary['laps']} laps; "
-        f"late p99 {summary['late_p99_us']:,} µs, max {summary['late_max_us']:,} µs; "
-        f"send buffer full {summary['retries']:,} times; "
-        f"{summary['skipped']:,} error frames left out"
-    )
+    laps = f" in {summary['laps']} laps" if summary["laps"] > 1 else ""
+    lines = [
+        f"{summary['frames']:,} frames{laps}, {summary['duration_s']:.1f} s",
+        f"late: p99 {summary['late_p99_us']:,} µs, at most {summary['late_max_us']:,} µs",
+    ]
+    if summary["retries"]:
+        lines.append(f"the send buffer was full {summary['retries']:,} times")
+    if summary["skipped"]:
+        lines.append(f"{summary['skipped']:,} error frames left out: they cannot be sent")
+    Console().print("\n".join(lines), highlight=False)

@@ -325,6 +325,15 @@ def test_a_real_log_arrives_whole_in_order_and_in_time(data: Path, spec: str) ->
     assert player.summary()["frames"] == len(due_ns)
 
 
+@pytest.fixture(autouse=True)
+def signals() -> Iterator[None]:
+    """Leave the signal handlers as they were: the command sets its own."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
 def murk(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     monkeypatch.setattr(sys, "argv", ["murk", *arguments])
     with pytest.raises(SystemExit) as caught:
@@ -388,14 +397,12 @@ def test_a_signal_ends_a_loop_with_a_summary(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = write(tmp_path / "one.log", frames_at([START_NS + k * 1_000_000 for k in range(10)]))
-    before = signal.getsignal(signal.SIGINT)
     timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
     try:
         assert murk(monkeypatch, "play", str(log), "virtual:signal", "--loop", "--json") == 0
     finally:
         timer.cancel()
-        signal.signal(signal.SIGINT, before)
     summary = json.loads(capsys.readouterr().out)
     assert summary["laps"] > 1
     assert summary["frames"] > 10
