@@ -15,9 +15,11 @@ from models.estimate.level import LEVELS, Estimate, NoiseLevel
 from models.estimate.smooth import KindFilter
 from node.scene import SensorType
 
-DRIFT_PER_S = 1.0
-JUMP_PER_S = 0.2
-CORRELATION_S = {"camera": 0.2, "radar": 0.3}
+FILTERS = {
+    "camera": {"drift_per_s": 1.0, "jump_per_s": 0.3},
+    "radar": {"drift_per_s": 0.2, "jump_per_s": 0.1, "correlation_s": 0.05},
+}
+"""Arguments of ``LevelFilter`` by sensor type: least mean error over the demo's schedule."""
 KIND_TIME_CONSTANT_S = 0.3
 
 
@@ -59,7 +61,7 @@ class Estimator:
 
     def __init__(self, sensor_type: SensorType) -> None:
         self._network = load_network(sensor_type)
-        self._levels = LevelFilter(DRIFT_PER_S, JUMP_PER_S, CORRELATION_S[sensor_type])
+        self._levels = LevelFilter(**FILTERS[sensor_type])
         self._kinds = KindFilter(KIND_TIME_CONSTANT_S)
 
     def estimate(
