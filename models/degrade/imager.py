@@ -188,18 +188,28 @@ def _smear(motion: Motion, image: Image) -> Image:
         (round(2**k * step * math.cos(angle)), round(2**k * step * math.sin(angle)))
         for k in range(_SMEAR_STEPS)
     ]
-    reach_x, reach_y = (sum(abs(move[axis]) for move in moves) for axis in (0, 1))
-    if reach_x == reach_y == 0:
+    moves = [(x, y) for x, y in moves if x or y]
+    if not moves:
         return image
+    reach_x, reach_y = (sum(abs(move[axis]) for move in moves) for axis in (0, 1))
     top, left = reach_y // 2, reach_x // 2
     moved = np.pad(image, ((top, reach_y - top), (left, reach_x - left), (0, 0)), mode="symmetric")
-    for x, y in moves:
-        if x or y:
-            height, width = moved.shape[0] - abs(y), moved.shape[1] - abs(x)
-            here = moved[max(0, -y) :, max(0, -x) :][:height, :width]
-            there = moved[max(0, y) :, max(0, x) :][:height, :width]
-            moved = np.asarray(cv2.addWeighted(here, 0.5, there, 0.5, 0), np.uint8)
-    return moved
+    spare = [np.empty_like(moved)] if len(moves) > 1 else []
+    for x, y in moves[:-1]:
+        here, there = _apart(moved, x, y)
+        spare.append(moved)
+        moved = spare.pop(0)[: here.shape[0], : here.shape[1]]
+        cv2.addWeighted(here, 0.5, there, 0.5, 0, dst=moved)
+    here, there = _apart(moved, *moves[-1])
+    return np.asarray(cv2.addWeighted(here, 0.5, there, 0.5, 0), np.uint8)
+
+
+def _apart(image: Image, x: int, y: int) -> tuple[Image, Image]:
+    """Return what two copies of the image have in common when one is moved by (x, y)."""
+    height, width = image.shape[0] - abs(y), image.shape[1] - abs(x)
+    here = image[max(0, -y) :, max(0, -x) :][:height, :width]
+    there = image[max(0, y) :, max(0, x) :][:height, :width]
+    return here, there
 
 
 def _sprinkle(stuck: Stuck, image: Image) -> Image:
