@@ -12,7 +12,11 @@ import typer
 
 from node.cli.output import emit
 
-BENCHES = {"decode": ("node.bench.decode", "node.bench.run")}
+BENCHES = {
+    "decode": ("node.bench.decode", "node.bench.run"),
+    "degrade": ("models.evaluate.degrade",),
+    "stability": ("models.evaluate.stability",),
+}
 """Modules of each benchmark; each has ``run(quick) -> Iterator[Point | Goal]``."""
 
 
