@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from models.world.render.textures import Image
 
 _METERED = 8
+_FINE = 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,45 +26,59 @@ class Lens:
         Mean that the exposure control aims at, counts.
     clipped:
         Share of the brightest that it lets clip.
+    quality:
+        JPEG quality of the stream.
     bank:
-        (n,) int8, a long run of noise to cut frames from.
+        (n,) int16, a long run of noise to cut frames from, 1/16 counts.
     """
 
     softness: float
     mean: float
     clipped: float
-    bank: NDArray[np.int8]
+    quality: int
+    bank: NDArray[np.int16]
 
 
-def draw_lens(rng: np.random.Generator, pixels: int) -> Lens:
-    """Return a random camera's lens, exposure control and sensor."""
-    noise = rng.uniform(0.3, 0.9)
-    bank = np.rint(rng.normal(0, noise, 3 * pixels + 2**20)).astype(np.int8)
-    return Lens(rng.uniform(0.42, 0.6), rng.uniform(82, 122), rng.uniform(0.002, 0.015), bank)
+def draw_lens(rng: np.random.Generator, values: int) -> Lens:
+    """Return a random camera's lens, exposure control and sensor, for frames of so many values."""
+    noise = rng.uniform(0.7, 1.2)
+    return Lens(
+        softness=rng.uniform(0.42, 0.6),
+        mean=rng.uniform(82, 122),
+        clipped=rng.uniform(0.002, 0.015),
+        quality=int(rng.integers(82, 92)),
+        bank=np.rint(rng.normal(0, noise * _FINE, values + 2**20)).astype(np.int16),
+    )
 
 
 def expose(canvas: Image, lens: Lens, rng: np.random.Generator) -> Image:
-    """Return the picture of a canvas."""
-    soft = cv2.GaussianBlur(canvas, (0, 0), lens.softness)
+    """Return the picture of a canvas, as it comes out of the camera's JPEG stream.
+
+    From the tone curve on all is done in steps of 1/16 count until the noise is in: a curve over
+    whole counts would leave gaps in the histogram.
+    """
+    soft = cv2.GaussianBlur(canvas, (5, 5), lens.softness)
     picture = cv2.LUT(soft, _tone_curve(canvas, lens))
     start = int(rng.integers(0, len(lens.bank) - picture.size))
     grain = lens.bank[start : start + picture.size].reshape(picture.shape)
-    return np.asarray(cv2.add(picture, grain, dtype=cv2.CV_8U), np.uint8)
+    noisy = cv2.add(picture, grain, dtype=cv2.CV_16U)
+    counts = cv2.convertScaleAbs(noisy, alpha=1 / _FINE)
+    stream = cv2.imencode(".jpg", counts, [cv2.IMWRITE_JPEG_QUALITY, lens.quality])[1]
+    return np.asarray(cv2.imdecode(stream, cv2.IMREAD_COLOR), np.uint8)
 
 
-def _tone_curve(canvas: Image, lens: Lens) -> Image:
-    """Return the table from coded radiance to counts that the exposure control chooses.
+def _tone_curve(canvas: Image, lens: Lens) -> NDArray[np.uint16]:
+    """Return the table from coded radiance to 1/16 counts that the exposure control chooses.
 
     The gain brings all but a small share of the picture below clipping, the exponent brings the
     mean to its target: what exposure time and tone mapping of a camera do together.
     """
     metered = canvas[::_METERED, ::_METERED]
-    counts = np.bincount(metered.ravel(), minlength=256) / metered.size
-    white = np.searchsorted(np.cumsum(counts), 1 - lens.clipped)
-    shares = np.minimum(np.arange(256) / max(float(white), 40.0), 1.0)
+    shares_of = np.bincount(metered.ravel(), minlength=256) / metered.size
+    white = max(float(np.searchsorted(np.cumsum(shares_of), 1 - lens.clipped)), 40.0)
+    x = np.minimum(np.arange(256) / white, 1.0)
     exponent = 1.0
     for _ in range(6):
-        mean = max(float(counts @ shares**exponent) * 255, 1.0)
+        mean = max(float(shares_of @ x**exponent) * 255, 1.0)
         exponent = float(np.clip(exponent * np.log(lens.mean / 255) / np.log(mean / 255), 0.6, 2.0))
-    result: Image = np.rint(255 * shares**exponent).astype(np.uint8)
-    return result
+    return np.rint(x**exponent * 255 * _FINE).astype(np.uint16)
