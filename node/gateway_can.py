@@ -27,6 +27,8 @@ _NOT_PLAIN = int(FrameFlag.EXTENDED | FrameFlag.REMOTE | FrameFlag.ERROR | Frame
 
 LONGEST_SCAN_NS = 2 * round(ARS408.cycle_s * 1e9)
 """What a scan still lacks after two cycles does not come any more."""
+CATCH_UP_SPACING_NS = FULL_LOAD_SPACING_NS // 2
+"""From frame to frame at least, where a scan has to wait for the end of the one before it."""
 QUALITY_WAIT_NS = 20_000_000
 """How long the first scan waits for its quality frames before it counts as one without."""
 
@@ -138,7 +140,6 @@ class CanGateway:
         self._quality: bool | None = None
         self._first_ns: int | None = None
         self._last_due_ns = 0
-        self._last_stamp_ns = 0
         self._silent_until_ns = 0
         self._finishing = False
 
@@ -228,13 +229,14 @@ class CanGateway:
         else:
             self._pass(frames.select(~own), now_ns)
             radar = frames.select(own)
-            gaps = np.diff(radar.stamp_ns, prepend=self._last_stamp_ns)
-            gaps = np.clip(gaps, 0, FULL_LOAD_SPACING_NS)
-            due_ns = np.maximum(now_ns, self._last_due_ns + np.cumsum(gaps))
-            self._outbox.put(TimedFrames(radar, due_ns))
-            self._last_due_ns = int(due_ns[-1])
-        if own.any():
-            self._last_stamp_ns = int(frames.stamp_ns[own][-1])
+            self._outbox.put(self._behind(TimedFrames(radar, np.full(len(radar), now_ns))))
+
+    def _behind(self, timed: TimedFrames) -> TimedFrames:
+        """Return the radar's frames no earlier than those that still wait let them."""
+        steps = np.arange(1, len(timed) + 1) * CATCH_UP_SPACING_NS
+        due_ns = np.maximum(timed.due_ns, self._last_due_ns + steps)
+        self._last_due_ns = int(due_ns[-1])
+        return TimedFrames(timed.frames, due_ns)
 
     def _expires_ns(self) -> int | None:
         scan = self._scan
@@ -255,16 +257,14 @@ class CanGateway:
             return
         t_s = self._since_first_s(scan.begun_ns)
         frames, offset_ns = _spaced(*self._changed(scan, t_s))
-        start_ns = max(now_ns, self._last_due_ns + FULL_LOAD_SPACING_NS)
-        timed = TimedFrames(frames, start_ns + offset_ns)
+        timed = self._behind(TimedFrames(frames, now_ns + offset_ns))
         rates = self._levels.rates_at(t_s)
         sent = self.faults.apply(timed, rates, scan.number)
         self._silent_until_ns = now_ns + LONGEST_SCAN_NS if self.faults.silent else 0
         self.counts["silenced"] += len(timed) if self.faults.silent else 0
         self._outbox.put(sent)
         self._outbox.put(self.faults.babble(timed, rates, scan.number))
-        self._last_due_ns = max(*timed.due_ns[-1:].tolist(), *sent.due_ns[-1:].tolist(), 0)
-        self._last_stamp_ns = int(frames.stamp_ns[-1])
+        self._last_due_ns = max([self._last_due_ns, *sent.due_ns[-1:].tolist()])
 
     def _changed(self, scan: _Scan, t_s: float) -> tuple[CanFrames, CanFrames]:
         """Return what came of a scan, and what is to be sent instead."""

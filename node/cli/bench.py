@@ -13,6 +13,7 @@ import typer
 from node.cli.output import emit
 
 BENCHES = {
+    "bus": ("node.bench.bus", "node.bench.gateway"),
     "decode": ("node.bench.decode", "node.bench.run"),
     "degrade": ("models.evaluate.degrade",),
     "stability": ("models.evaluate.stability",),
