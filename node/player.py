@@ -152,6 +152,8 @@ class Player:
         Frames sent, laps begun and error frames left out so far.
     played_s:
         Where in the recording the player is.
+    at_lap:
+        Called with the clock's time at which each lap begins, nanoseconds; may be set.
     """
 
     def __init__(
@@ -173,6 +175,7 @@ class Player:
         self._clock_ns = clock_ns
         self._stop = Event()
         self._wait = wait or self._stop.wait
+        self.at_lap: Callable[[int], None] = lambda start_ns: None
         self._lateness = Lateness()
         self.frames = self.laps = self.skipped = 0
         self.played_s = 0.0
@@ -196,6 +199,7 @@ class Player:
         try:
             while not self._stop.is_set():
                 self.laps += 1
+                self.at_lap(lap_ns)
                 lap_ns += round(self._play_lap(lap_ns) / self._speed)
                 if not self._loop:
                     break
