@@ -81,13 +81,21 @@ class ScanAssembler:
         if frames.flags.any():
             codes[frames.flags & _FOREIGN != 0] = 0
         rows = np.flatnonzero(codes)
-        kinds, sensor_ids = codes[rows] & 0x0F, codes[rows] >> 4
-        kinds[frames.length[rows] < self._shortest[kinds]] = Kind.TOO_SHORT
+        if not len(rows):
+            return []
+        if len(rows) < len(frames):
+            codes, frames = codes[rows], frames.select(rows)
+        sensor_ids = codes >> 4
+        kinds: NDArray[np.uint8] = codes & np.uint8(0x0F)
+        kinds[frames.length < self._shortest.take(kinds)] = Kind.TOO_SHORT
+        radar_frames = RadarFrames(
+            rows, kinds, frames.data[:, :PAYLOAD_BYTES], frames.stamp_ns, frames.stamp_source
+        )
         found: list[Placed] = []
         for sensor_id in np.flatnonzero(np.bincount(sensor_ids)).tolist():
             own = sensor_ids == sensor_id
-            radar_frames = _radar_frames(frames, rows[own], kinds[own])
-            found += self._radars[sensor_id].feed(radar_frames, frames.dropped)
+            one = radar_frames if own.all() else radar_frames.select(own)
+            found += self._radars[sensor_id].feed(one, frames.dropped)
         found.sort(key=itemgetter(0))
         return [item for _, item in found]
 
@@ -95,17 +103,3 @@ class ScanAssembler:
         """Return the scans that are still open, by stamp: the stream has ended."""
         scans = [scan for radar in self._radars.values() for scan in radar.flush()]
         return sorted(scans, key=lambda scan: scan.stamp_ns)
-
-
-def _radar_frames(
-    frames: CanFrames, rows: NDArray[np.intp], kinds: NDArray[np.uint8]
-) -> RadarFrames:
-    every = len(rows) == len(frames)
-    payload = frames.data[:, :PAYLOAD_BYTES]
-    return RadarFrames(
-        row=rows,
-        kind=kinds,
-        payload=payload if every else payload.take(rows, axis=0),
-        stamp_ns=frames.stamp_ns if every else frames.stamp_ns[rows],
-        stamp_source=frames.stamp_source,
-    )

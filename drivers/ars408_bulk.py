@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.ars408_layout import MODES, Kind, ModeLayout
+from drivers.ars408_layout import MODES, Kind, ListLayout, ModeLayout
 from drivers.frame import StampSource
 
 IndexArray = NDArray[np.intp]
 
-_KINDS = 16
 _IDS = 256
 
 
@@ -96,9 +95,8 @@ class Cycle:
 
 def announcements(frames: RadarFrames) -> list[Announcement]:
     """Decode the status frames of a batch."""
-    is_status = np.zeros(_KINDS, bool)
-    is_status[list(MODES)] = True
-    start = np.flatnonzero(is_status[frames.kind])
+    is_status = np.logical_or.reduce([frames.kind == status for status in MODES])
+    start = np.flatnonzero(is_status)
     if not len(start):
         return []
     kind = frames.kind[start]
@@ -138,73 +136,97 @@ def regular_cycles(frames: RadarFrames, announced: list[Announcement]) -> list[C
     """
     if not announced:
         return []
+    last = _last_rows(frames, announced)
     frames = frames.select(slice(announced[0].start, None))
-    status = np.array([head.mode.status for head in announced])
+    start = np.array([head.start for head in announced]) - announced[0].start
+    length = np.diff(start, append=len(frames))
+    states = np.add.reduceat(frames.kind == Kind.RADAR_STATE, start, dtype=np.intp)
     size = np.array([head.size for head in announced])
-    cycle = np.repeat(np.arange(len(size)), [head.end - head.start for head in announced])
-    counts = np.bincount(_KINDS * cycle + frames.kind, minlength=_KINDS * len(size))
-    counts = counts.reshape(len(size), _KINDS)
-    strict = counts.sum(axis=1) - counts[:, Kind.RADAR_STATE] - 1
+    status = frames.kind[start]
     cycles: list[Cycle | None] = [None] * len(size)
     for mode in MODES.values():
         regular = (status == mode.status) & (size > 0)
-        regular &= counts[:, mode.general.kind] == size
-        for layout in mode.optional:
-            regular &= (counts[:, layout.kind] == size) | (counts[:, layout.kind] == 0)
-        regular &= counts[:, [layout.kind for layout in mode.lists]].sum(axis=1) == strict
-        if regular.any():
-            for index, decoded in _decode(mode, frames, cycle, counts, regular):
-                cycles[index] = decoded
+        if not regular.any():
+            continue
+        counts = [
+            np.add.reduceat(frames.kind == layout.kind, start, dtype=np.intp)
+            for layout in mode.lists
+        ]
+        regular &= counts[0] == size
+        for count in counts[1:]:
+            regular &= (count == size) | (count == 0)
+        regular &= 1 + sum(counts) + states == length
+        wanted = np.repeat(regular, length)
+        for index, arrays, present in _decode(mode, frames, wanted, regular, counts):
+            cycles[index] = Cycle(last[index], present, arrays)
     return cycles
+
+
+def _last_rows(frames: RadarFrames, announced: list[Announcement]) -> list[int]:
+    """Return the row of the last frame of each cycle that is no radar state."""
+    last = np.array([head.end for head in announced]) - 1
+    while (is_state := frames.kind[last] == Kind.RADAR_STATE).any():
+        last -= is_state
+    rows: list[int] = frames.row[last].tolist()
+    return rows
 
 
 def _decode(
     mode: ModeLayout,
     frames: RadarFrames,
-    cycle: IndexArray,
-    counts: IndexArray,
+    wanted: NDArray[np.bool_],
     regular: NDArray[np.bool_],
-) -> Iterator[tuple[int, Cycle]]:
-    """Decode each list of all regular cycles of one mode at once, and cut it into cycles."""
-    wanted = regular[cycle]
-    size = counts[regular, mode.general.kind]
+    counts: list[IndexArray],
+) -> Iterator[tuple[int, dict[str, NDArray[Any]], tuple[bool, ...]]]:
+    """Decode each list of all regular cycles of one mode at once, and cut it into cycles.
+
+    Parameters
+    ----------
+    wanted:
+        (M,) which frames belong to regular cycles.
+    regular, counts:
+        Which cycles are regular, and how many frames of each list every cycle has.
+
+    Yields
+    ------
+    tuple
+        Index of the cycle, fields of the scan, and which of the optional lists it has.
+    """
+    size, *optional_sizes = (count[regular] for count in counts)
     first_key = _IDS * np.arange(len(size))
-    payload = frames.payload.compress(wanted & (frames.kind == mode.general.kind), axis=0)
-    general = np.repeat(first_key, size) + payload[:, 0]
-    broken = _repeated(general)
-    columns = [(mode.general.decode(payload), _bounds(size))]
-    for layout in mode.optional:
-        present = counts[regular, layout.kind]
+
+    def payloads_and_keys(
+        layout: ListLayout, sizes: IndexArray
+    ) -> tuple[NDArray[np.uint8], IndexArray]:
         payload = frames.payload.compress(wanted & (frames.kind == layout.kind), axis=0)
-        optional = np.repeat(first_key, present) + payload[:, 0]
+        return payload, np.repeat(first_key, sizes) + payload[:, 0]
+
+    payload, general = payloads_and_keys(mode.general, size)
+    broken = _repeated(general)
+    lists = [(mode.general.decode(payload), _slices(size))]
+    for layout, present in zip(mode.optional, optional_sizes, strict=True):
+        payload, optional = payloads_and_keys(layout, present)
         order, strangers = _join(general[np.repeat(present > 0, size)], optional)
         broken = np.append(broken, strangers)
-        columns.append((layout.decode(payload.take(order, axis=0)), _bounds(present)))
+        lists.append((layout.decode(payload.take(order, axis=0)), _slices(present)))
     refused = set((broken // _IDS).tolist())
-    last = _last_rows(frames, cycle, regular)
     for number, index in enumerate(np.flatnonzero(regular).tolist()):
         if number in refused:
             continue
         arrays: dict[str, NDArray[Any]] = {}
-        for fields, bounds in columns:
-            begin, end = bounds[number], bounds[number + 1]
-            if begin < end:
-                arrays |= {name: column[begin:end] for name, column in fields.items()}
-        present = tuple(bounds[number] < bounds[number + 1] for _, bounds in columns[1:])
-        yield index, Cycle(last[number], present, arrays)
+        for columns, slices in lists:
+            if rows := slices[number]:
+                arrays |= columns.fields(rows)
+        yield index, arrays, tuple(slices[number] is not None for _, slices in lists[1:])
 
 
-def _bounds(sizes: IndexArray) -> list[int]:
-    """Return where each cycle begins in a decoded list, and where the last one ends."""
-    return [0, *np.cumsum(sizes).tolist()]
-
-
-def _last_rows(frames: RadarFrames, cycle: IndexArray, regular: NDArray[np.bool_]) -> list[int]:
-    """Return the row of the last frame of each regular cycle that is no radar state."""
-    listed = np.flatnonzero(frames.kind != Kind.RADAR_STATE)
-    after = np.searchsorted(cycle[listed], np.flatnonzero(regular), side="right")
-    rows: list[int] = frames.row[listed[after - 1]].tolist()
-    return rows
+def _slices(sizes: IndexArray) -> list[slice | None]:
+    """Return where each cycle lies in a decoded list, None where it has none."""
+    ends = np.cumsum(sizes).tolist()
+    return [
+        slice(end - size, end) if size else None
+        for end, size in zip(ends, sizes.tolist(), strict=True)
+    ]
 
 
 def _repeated(key: IndexArray) -> IndexArray:

@@ -22,6 +22,9 @@ RMS_METRES = np.append(np.round(0.005 * 2000.0 ** (np.arange(31) / 30.0), 3), np
 """Standard deviation by RMS index, m or m/s, shape (32,); index 31 is invalid, so NaN."""
 
 
+_CACHEFUL = 1024
+"""Frames whose decoded signals stay in a processor's cache, and below what malloc maps anew."""
+
 NO_RMS = 31
 NO_VALUE = {"pdh0": 0, "ambig_state": 0, "prob_of_exist": 0, "meas_state": 7, "object_class": 7}
 """What a uint8 field holds where its frame was lost: its code for invalid, or one without meaning.
@@ -91,14 +94,34 @@ class ListLayout:
         """Return what a field holds where the frame that carries it was lost."""
         return np.nan if field in self.floats else NO_VALUE.get(field, NO_RMS)
 
-    def decode(self, payloads: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
-        """Return payloads (N, 8) as fields of a scan, (N,) each."""
-        columns = self.codec.decode(payloads)
-        fields: dict[str, NDArray[Any]] = {}
-        for field, signal in self.bytes.items():
-            fields[field] = columns[signal].astype(np.uint8)
-        for field, signal in self.floats.items():
-            fields[field] = columns[signal].astype(np.float32)
+    def decode(self, payloads: NDArray[np.uint8]) -> ListColumns:
+        """Decode payloads (N, 8), a cacheful at a time."""
+        floats = np.empty((len(self.floats), len(payloads)), np.float32)
+        bytes_ = np.empty((len(self.bytes), len(payloads)), np.uint8)
+        for begin in range(0, len(payloads), _CACHEFUL):
+            part = slice(begin, begin + _CACHEFUL)
+            columns = self.codec.decode(payloads[part])
+            for row, signal in enumerate(self.floats.values()):
+                floats[row, part] = columns[signal]
+            for row, signal in enumerate(self.bytes.values()):
+                bytes_[row, part] = columns[signal]
+        return ListColumns(self, floats, bytes_)
+
+
+@dataclass(frozen=True, slots=True)
+class ListColumns:
+    """A decoded list: (fields, N) of either type, in the order of its layout."""
+
+    layout: ListLayout
+    floats: NDArray[np.float32]
+    bytes: NDArray[np.uint8]
+
+    def fields(self, rows: slice | NDArray[Any] = slice(None)) -> dict[str, NDArray[Any]]:
+        """Return the fields of a scan that these rows make."""
+        fields: dict[str, NDArray[Any]] = dict(
+            zip(self.layout.bytes, self.bytes[:, rows], strict=True)
+        )
+        fields.update(zip(self.layout.floats, self.floats[:, rows], strict=True))
         return fields
 
 

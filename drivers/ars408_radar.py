@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ Placed = tuple[int, Item]
 PATIENCE = 3
 """Whole general lists in a row without an optional list, until that is no longer expected."""
 
+_PAYLOAD = np.dtype((np.void, PAYLOAD_BYTES))
+_RADAR_STATE = int(Kind.RADAR_STATE)
 _COUNTER_RANGE = 1 << 16
 _SHORT_GAP = 1000  # cycles; a longer one must fit into the time that passed
 _SHORTEST_CYCLE_NS = 50_000_000
@@ -181,40 +184,56 @@ class Radar:
     def _step(
         self, frames: RadarFrames, begin: int, end: int, states: dict[int, RadarState]
     ) -> Iterator[Placed]:
-        """Take the frames of a range that has no status frame, one by one."""
-        kinds = frames.kind[begin:end].tolist()
+        """Take the frames of a range that has no status frame, run by run of one kind."""
+        if begin == end:
+            return
+        kinds = frames.kind[begin:end]
+        cuts = [0, *(np.flatnonzero(kinds[1:] != kinds[:-1]) + 1).tolist(), end - begin]
         rows = frames.row[begin:end].tolist()
-        payloads = frames.payload[begin:end].tobytes()
-        for place, (kind, row) in enumerate(zip(kinds, rows, strict=True)):
-            if kind == Kind.RADAR_STATE:
-                state = states[begin + place]
-                self._tell(state)
-                if self._open is not None and self._is_complete(self._open):
-                    yield row, self._close(self._open)
-                yield row, state
-            elif self._take(kind, payloads[PAYLOAD_BYTES * place : PAYLOAD_BYTES * (place + 1)]):
-                assert self._open is not None
-                yield row, self._close(self._open)
+        payloads = frames.payload[begin:end].view(_PAYLOAD)[:, 0].tolist()
+        for first, after in pairwise(cuts):
+            kind = int(kinds[first])
+            if kind == _RADAR_STATE:
+                for place in range(first, after):
+                    yield from self._state(rows[place], states[begin + place])
+            else:
+                completing = self._take(kind, payloads[first:after])
+                if completing is not None:
+                    assert self._open is not None
+                    yield rows[first + completing], self._close(self._open)
+                    self.strays += after - first - completing - 1
 
-    def _take(self, kind: int, payload: bytes) -> bool:
-        """Take a frame of a list; say whether the open scan is complete with it."""
+    def _state(self, row: int, state: RadarState) -> Iterator[Placed]:
+        """Take a radar state; it may settle what the open scan waits for."""
+        self._tell(state)
+        if self._open is not None and self._is_complete(self._open):
+            yield row, self._close(self._open)
+        yield row, state
+
+    def _take(self, kind: int, payloads: list[bytes]) -> int | None:
+        """Take a run of frames of one list; return which of them completes the open scan."""
         if kind in self._expected:
             self._expected[kind] = True
             self._misses[kind] = 0
         scan = self._open
-        frames = scan.lists.get(kind) if scan is not None else None
-        if scan is None or frames is None:
-            self.strays += 1
-            return False
-        identifier = payload[0]
-        if identifier in frames:
-            scan.duplicates += 1
-            return False
-        if len(frames) == scan.head.size:
-            self.strays += 1
-            return False
-        frames[identifier] = payload
-        return len(frames) == scan.head.size and self._is_complete(scan)
+        if scan is None or kind not in scan.lists:
+            self.strays += len(payloads)
+            return None
+        frames, size = scan.lists[kind], scan.head.size
+        new = {payload[0]: payload for payload in payloads}
+        if len(new) == len(payloads) <= size - len(frames) and frames.keys().isdisjoint(new):
+            frames |= new
+            return len(new) - 1 if len(frames) == size and self._is_complete(scan) else None
+        for place, payload in enumerate(payloads):
+            if payload[0] in frames:
+                scan.duplicates += 1
+            elif len(frames) == size:
+                self.strays += 1
+            else:
+                frames[payload[0]] = payload
+                if len(frames) == size and self._is_complete(scan):
+                    return place
+        return None
 
     def _is_complete(self, scan: _OpenScan) -> bool:
         size = scan.head.size
@@ -235,7 +254,7 @@ class Radar:
         self._open = None
         head = scan.head
         general = scan.lists[head.mode.general.kind]
-        arrays = head.mode.general.decode(_payloads(general))
+        arrays = head.mode.general.decode(_payloads(general)).fields()
         unknown = lost = head.size - len(general)
         for layout in head.mode.optional:
             frames = scan.lists[layout.kind]
@@ -312,7 +331,7 @@ def _joined(
     """
     places = {identifier: place for place, identifier in enumerate(frames)}
     order = np.array([places.get(identifier, -1) for identifier in general], np.intp)
-    fields = {name: column[order] for name, column in layout.decode(_payloads(frames)).items()}
+    fields = layout.decode(_payloads(frames)).fields(order)
     missing = order < 0
     for name, column in fields.items():
         column[missing] = layout.no_value(name)
