@@ -9,7 +9,7 @@ import numpy as np
 
 from models.world.objects import Floats, Kind, Objects
 from models.world.render.canvas import NEAREST, Canvas, fill
-from models.world.render.textures import Image, clouds
+from models.world.render.textures import Image, clouds, pyramid, white
 
 _METRES = 12.8
 _PIXELS = 512
@@ -30,22 +30,14 @@ def draw_facades(rng: np.random.Generator) -> Facades:
     """Return the facades of one world."""
     tiles = [_windows(rng, colour) for colour in _WALLS]
     tiles.append(_rough(rng, (134, 136, 138), 6.0))
-    return Facades(tuple(_pyramid(tile) for tile in tiles))
-
-
-def _pyramid(tile: Image) -> tuple[Image, ...]:
-    """Return the tile at full size, half, quarter and so on."""
-    side = tile.shape[0]
-    return tuple(
-        cv2.resize(tile, (side >> k, side >> k), interpolation=cv2.INTER_AREA)
-        for k in range(_LEVELS)
-    )
+    return Facades(tuple(pyramid(tile, _LEVELS) for tile in tiles))
 
 
 def _rough(rng: np.random.Generator, colour: tuple[int, ...], contrast: float) -> Image:
     """Return a rough wall."""
-    grain = 0.6 * rng.standard_normal((_PIXELS, _PIXELS)) + clouds(rng, _PIXELS, _PIXELS, 1.0)
-    return np.clip(np.asarray(colour) + contrast * grain[..., None], 0, 255).astype(np.uint8)
+    grain = 0.6 * white(rng, _PIXELS, _PIXELS) + clouds(rng, _PIXELS, _PIXELS, 1.0)
+    wall: Image = np.clip(np.asarray(colour) + contrast * grain[..., None], 0, 255).astype(np.uint8)
+    return wall
 
 
 def _windows(rng: np.random.Generator, colour: tuple[int, ...]) -> Image:
@@ -126,7 +118,7 @@ def paint_facades(canvas: Canvas, facades: Facades, objects: Objects, i: int, di
 
 def _face(
     canvas: Canvas,
-    pyramid: tuple[Image, ...],
+    tiles: tuple[Image, ...],
     a: Floats,
     b: Floats,
     tall: float,
@@ -152,7 +144,7 @@ def _face(
     upright = (v.max() - v.min()) / tall
     fine = _PIXELS / _METRES / np.sqrt(per_metre * upright)
     level = int(np.clip(np.rint(np.log2(max(fine, 1e-3))), 0, _LEVELS - 1))
-    tile = pyramid[level]
+    tile = tiles[level]
     scale = tile.shape[0] / _METRES
     source = np.stack([(span * length + shift * _METRES) * scale, (tall - up) * scale], axis=1)
     target = np.stack([u - x0, v - y0], axis=1)
@@ -164,9 +156,7 @@ def _face(
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_WRAP,
     )
-    haze = 1 - np.exp(-float(ahead.mean()) / canvas.light.haze_m)
-    patch = cv2.convertScaleAbs(patch, alpha=lit * (1 - haze))
-    patch = cv2.add(patch, (*(haze * c for c in canvas.light.horizon), 0.0))
-    mask = np.zeros(patch.shape[:2], np.uint8)
+    hazed = canvas.light.through_haze(np.asarray(patch, np.uint8), lit, float(ahead.mean()))
+    mask = np.zeros(hazed.shape[:2], np.uint8)
     fill(mask, target, (255,))
-    cv2.copyTo(patch, mask, canvas.image[y0:y1, x0:x1])
+    cv2.copyTo(hazed, mask, canvas.image[y0:y1, x0:x1])

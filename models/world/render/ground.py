@@ -151,10 +151,11 @@ def _markings(canvas: Canvas, strip: Strip, route: Route) -> None:
     gap = np.zeros(len(strip.s), bool)
     if len(route.junctions):
         gap = np.abs(strip.s[:, None] - route.junctions).min(axis=1) < SIDE_STREET + 4
-    width = np.where(gap, 0.0, _EDGE)
     double = np.maximum(inner, 0.12)
     for d in (outer - 0.1, 0.1 - outer, double, -double):
-        _fill_along(canvas.image, canvas, strip, d + width, d - width, _PAINT)
+        for run in _runs(~gap):
+            part = strip.part(run)
+            _fill_along(canvas.image, canvas, part, d[run] + _EDGE, d[run] - _EDGE, _PAINT)
     first = np.floor(strip.s.min() / 12) * 12
     for start in np.arange(first, min(strip.s.max(), canvas.view.s + _MARKED_M), 12.0):
         s = start + np.array([0.0, 4.0, 4.0, 0.0])
@@ -166,6 +167,12 @@ def _markings(canvas: Canvas, strip: Strip, route: Route) -> None:
             where = _on_ground(canvas, route, s, d)
             if len(where):
                 fill(canvas.image, where, _PAINT)
+
+
+def _runs(chosen: NDArray[np.bool_]) -> list[slice]:
+    """Return the runs of at least two entries that are chosen."""
+    edges = np.flatnonzero(np.diff(chosen, prepend=False, append=False))
+    return [slice(a, b) for a, b in edges.reshape(-1, 2).tolist() if b - a > 1]
 
 
 def _texture(canvas: Canvas, paved: Image, strip: Strip, textures: GroundTextures) -> None:
@@ -226,7 +233,7 @@ def _sample(
 
 def _shadows(canvas: Canvas, objects: Objects) -> None:
     """Darken the ground where objects keep the sun off, and below vehicles in any light."""
-    mask = np.zeros(canvas.image.shape[:2], np.uint8)
+    mask: Image = np.zeros(canvas.image.shape[:2], np.uint8)
     ahead, _ = canvas.view.to_camera(objects.x, objects.y)
     near = (ahead > -30) & (ahead < np.where(_LARGE[objects.kind], 110, 45))
     chosen = objects[near & (objects.kind != _GANTRY)]
@@ -238,8 +245,8 @@ def _shadows(canvas: Canvas, objects: Objects) -> None:
         _darken(canvas, mask, cast, np.where(chosen.kind == _TREE, 150, 255))
     under = _VEHICLE[chosen.kind]
     _darken(canvas, mask, corners[under], np.full(int(under.sum()), 200))
-    mask = cv2.blur(mask, (3, 3))
-    factor = cv2.convertScaleAbs(mask, alpha=-(1 - _SHADE) * 128 / 255, beta=128)
+    soft = cv2.blur(mask, (3, 3))
+    factor = cv2.convertScaleAbs(soft, alpha=-(1 - _SHADE) * 128 / 255, beta=128)
     top = max(int(canvas.view.horizon), 0)
     ground = canvas.image[top:]
     cv2.multiply(ground, cv2.merge([factor[top:]] * 3), dst=ground, scale=1 / 128)
@@ -260,11 +267,10 @@ def _darken(canvas: Canvas, mask: Image, corners: Floats, strength: NDArray[np.i
 
 def _tunnel(canvas: Canvas, strip: Strip, route: Route) -> None:
     """Darken the ground inside tunnels."""
-    inside = route.tunnel[route.index(strip.s)]
-    for run in np.split(np.arange(len(inside)), np.flatnonzero(np.diff(inside)) + 1):
-        if inside[run[0]]:
-            rows = canvas.image[int(strip.row[run[0]]) : int(strip.row[run[-1]]) + 1]
-            cv2.convertScaleAbs(rows, dst=rows, alpha=INSIDE)
+    top = int(strip.row[0])
+    for run in _runs(route.tunnel[route.index(strip.s)]):
+        rows = canvas.image[top + run.start : top + run.stop]
+        cv2.convertScaleAbs(rows, dst=rows, alpha=INSIDE)
 
 
 def _haze(canvas: Canvas, strip: Strip, top: int) -> None:

@@ -47,8 +47,15 @@ def draw_lens(rng: np.random.Generator, values: int) -> Lens:
         mean=rng.uniform(82, 122),
         clipped=rng.uniform(0.002, 0.015),
         quality=int(rng.integers(82, 92)),
-        bank=np.rint(rng.normal(0, noise * _FINE, values + 2**20)).astype(np.int16),
+        bank=_bank(rng, noise * _FINE, values + 2**20),
     )
+
+
+def _bank(rng: np.random.Generator, deviation: float, count: int) -> NDArray[np.int16]:
+    drawn: NDArray[np.int16] = np.rint(rng.standard_normal(count, np.float32) * deviation).astype(
+        np.int16
+    )
+    return drawn
 
 
 def expose(canvas: Image, lens: Lens, rng: np.random.Generator) -> Image:

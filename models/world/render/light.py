@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from models.world.objects import Floats
+from models.world.render.textures import Image
 
 Colour = tuple[float, float, float]
 """Blue, green, red, coded radiance 0–255."""
@@ -50,6 +52,13 @@ class Light:
         share = 1 - np.exp(-np.asarray(distance) / self.haze_m)[..., None]
         result: Floats = colour * (1 - share) + np.asarray(self.horizon) * share
         return result
+
+    def through_haze(self, image: Image, lit: float, distance: float) -> Image:
+        """Return a picture lit by a factor and seen through ``distance`` m of air."""
+        share = 1 - float(np.exp(-distance / self.haze_m))
+        lit_picture = cv2.convertScaleAbs(image, alpha=lit * (1 - share))
+        veil = np.array([*(share * c for c in self.horizon), 0.0])
+        return np.asarray(cv2.add(lit_picture, veil), np.uint8)
 
 
 def draw_light(rng: np.random.Generator) -> Light:

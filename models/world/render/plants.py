@@ -9,10 +9,10 @@ import numpy as np
 
 from models.world.objects import Kind, Objects
 from models.world.render.canvas import NEAREST, Canvas
-from models.world.render.textures import Image, clouds
+from models.world.render.textures import Gray, Image, clouds, pyramid
 
 _SIDE = 448
-_VARIANTS = 5
+_VARIANTS = 4
 _LEVELS = 6
 
 
@@ -26,34 +26,21 @@ class Plants:
 
 def draw_plants(rng: np.random.Generator) -> Plants:
     """Return the plants of one world."""
-    trees = tuple(_pyramid(_sprite(rng, 0.62, True)) for _ in range(_VARIANTS))
-    bushes = tuple(_pyramid(_sprite(rng, 1.0, False)) for _ in range(_VARIANTS))
+    trees = tuple(pyramid(_sprite(rng, 0.62, True), _LEVELS) for _ in range(_VARIANTS))
+    bushes = tuple(pyramid(_sprite(rng, 1.0, False), _LEVELS) for _ in range(_VARIANTS))
     return Plants(trees, bushes)
-
-
-def _pyramid(sprite: Image) -> tuple[Image, ...]:
-    side = sprite.shape[0]
-    return tuple(
-        cv2.resize(sprite, (side >> k, side >> k), interpolation=cv2.INTER_AREA)
-        for k in range(_LEVELS)
-    )
 
 
 def _sprite(rng: np.random.Generator, crown: float, trunk: bool) -> Image:
     """Return leaves in blobs that fill the upper ``crown`` share, lit from above."""
-    y, x = np.mgrid[0:_SIDE, 0:_SIDE] / _SIDE
-    body = np.full((_SIDE, _SIDE), -1.0)
-    for _ in range(26):
-        cx = rng.normal(0.5, 0.16)
-        cy = crown * rng.uniform(0.25, 0.78)
-        radius = rng.uniform(0.10, 0.24) * (1 - 0.6 * abs(cx - 0.5))
-        body = np.maximum(body, 1 - np.hypot(x - cx, (y - cy) / max(crown, 0.7)) / radius)
+    y, x = np.mgrid[0:_SIDE, 0:_SIDE].astype(np.float32) / _SIDE
+    body = _blobs(rng, crown)
     leaves = clouds(rng, _SIDE, _SIDE, 0.75)
     solid = (body + 0.30 * leaves > 0.08) & (x > 0.01) & (x < 0.99) & (y > 0.01)
     lumps = clouds(rng, _SIDE, _SIDE, 1.3)
     tone = 1.0 - 0.55 * y / crown + 0.13 * lumps + 0.17 * leaves
     green = np.array([52, 112, 100]) * rng.uniform(0.75, 1.2) + rng.uniform(-12, 12, 3)
-    sprite = np.zeros((_SIDE, _SIDE, 4))
+    sprite = np.zeros((_SIDE, _SIDE, 4), np.float32)
     if trunk:
         stem = (np.abs(x - 0.5) < 0.022 + 0.01 * (y > 0.9)) & (y > 0.4)
         sprite[stem] = (58, 66, 76, 255)
@@ -61,6 +48,18 @@ def _sprite(rng: np.random.Generator, crown: float, trunk: bool) -> Image:
     sprite[solid, :3] = np.clip(green * tone[solid, None], 12, 235)
     sprite[solid, 3] = 255
     return np.clip(sprite, 0, 255).astype(np.uint8)
+
+
+def _blobs(rng: np.random.Generator, crown: float) -> Gray:
+    """Return how far inside one of many round blobs each pixel lies, 1 in a centre."""
+    side = _SIDE // 4
+    y, x = np.mgrid[0:side, 0:side].astype(np.float32) / side
+    body = np.full((side, side), -1.0, np.float32)
+    for _ in range(26):
+        cx, cy = rng.normal(0.5, 0.16), crown * rng.uniform(0.25, 0.78)
+        radius = rng.uniform(0.10, 0.24) * (1 - 0.6 * abs(cx - 0.5))
+        body = np.maximum(body, 1 - np.hypot(x - cx, (y - cy) / max(crown, 0.7)) / radius)
+    return np.asarray(cv2.resize(body, (_SIDE, _SIDE), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 def paint_plant(canvas: Canvas, plants: Plants, objects: Objects, i: int) -> None:
@@ -71,7 +70,7 @@ def paint_plant(canvas: Canvas, plants: Plants, objects: Objects, i: int) -> Non
         return
     tree = objects.kind[i] == Kind.TREE
     look = int(objects.look[i])
-    pyramid = (plants.trees if tree else plants.bushes)[look % _VARIANTS]
+    sprites = (plants.trees if tree else plants.bushes)[look % _VARIANTS]
     scale = view.focal / ahead
     half = 0.5 * scale * max(objects.width[i], objects.height[i] * 0.7 if tree else 0.0)
     u, bottom = view.width / 2 - left * scale, view.horizon + view.above * scale
@@ -82,7 +81,7 @@ def paint_plant(canvas: Canvas, plants: Plants, objects: Objects, i: int) -> Non
     level = int(np.clip(np.floor(np.log2(_SIDE / (y1 - y0))), 0, _LEVELS - 1))
     left_cut, right_cut = max(x0, 0), min(x1, view.width)
     top_cut, bottom_cut = max(y0, 0), min(y1, view.height)
-    source = pyramid[level]
+    source = sprites[level]
     sx, sy = source.shape[1] / (x1 - x0), source.shape[0] / (y1 - y0)
     transform = np.array(
         [[sx, 0, (left_cut - x0 + 0.5) * sx - 0.5], [0, sy, (top_cut - y0 + 0.5) * sy - 0.5]]
@@ -93,9 +92,7 @@ def paint_plant(canvas: Canvas, plants: Plants, objects: Objects, i: int) -> Non
         (right_cut - left_cut, bottom_cut - top_cut),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
     )
-    haze = 1 - np.exp(-ahead / canvas.light.haze_m)
     lit = float(canvas.light.on(*(np.asarray(n) for n in (0.0, 0.0, 1.0))))
-    leaves = cv2.convertScaleAbs(sprite[..., :3], alpha=lit * (1 - haze))
-    leaves = cv2.add(leaves, (*(haze * c for c in canvas.light.horizon), 0.0))
-    mask = cv2.compare(sprite[..., 3], 110, cv2.CMP_GT)
+    leaves = canvas.light.through_haze(np.asarray(sprite[..., :3], np.uint8), lit, ahead)
+    mask = cv2.threshold(sprite[..., 3], 110, 255, cv2.THRESH_BINARY)[1]
     cv2.copyTo(leaves, mask, canvas.image[top_cut:bottom_cut, left_cut:right_cut])

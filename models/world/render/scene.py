@@ -95,7 +95,7 @@ def _far_to_near(view: View, objects: Objects) -> list[int]:
     nearest = np.argsort(ahead[chosen])
     skyline = np.full(view.width, np.inf)
     visible = []
-    for k in nearest:
+    for k in nearest.tolist():
         columns = skyline[first[k] : last[k]]
         if len(columns) and np.all(columns <= np.minimum(top[k], view.horizon)):
             continue
@@ -129,8 +129,8 @@ def _paint_roof(canvas: Canvas, world: World, distance: float, s: float) -> None
         return
     wide = float(outer[0])
     openings = ((wide, wide + 14, 0.0), (-wide - 14, -wide, 0.0), (-wide, wide, _ROOF_M))
-    for right, left_end, low in openings:
-        x, y, _ = route.place(np.full(4, s), np.array([right, left_end, left_end, right]))
+    for one, other, low in openings:
+        x, y, _ = route.place(np.full(4, s), np.array([one, other, other, one]))
         ahead, left = canvas.view.to_camera(x, y)
-        up = np.array([low, low, 9.0, 9.0])
-        canvas.face(np.stack([ahead, left, up], axis=1), np.array([132.0, 136.0, 140.0]))
+        portal = np.stack([ahead, left, np.array([low, low, 9.0, 9.0])], axis=1)
+        canvas.face(portal, np.array([132.0, 136.0, 140.0]))

@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 
 from models.world.render.light import Light
-from models.world.render.textures import Image, clouds
+from models.world.render.textures import Gray, Image, clouds
 from models.world.render.view import View
 
 _WIDTH, _HEIGHT = 4096, 512
 _SKYLINE = 72
+_CLOUD = (246.0, 244.0, 242.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,27 +25,28 @@ class Panorama:
 
 def panorama(rng: np.random.Generator, light: Light) -> Panorama:
     """Return sky with clouds, and a strip of hills, woods and roofs on the horizon."""
-    rows = np.linspace(0, 1, _HEIGHT)[:, None, None] ** 1.5
-    sky = np.asarray(light.zenith) * (1 - rows) + np.asarray(light.horizon) * rows
+    rows = np.linspace(0, 1, _HEIGHT, dtype=np.float32)[:, None, None] ** 1.5
+    zenith, horizon, bright = np.array([light.zenith, light.horizon, _CLOUD], np.float32)
+    image = np.broadcast_to(zenith + (horizon - zenith) * rows, (_HEIGHT, _WIDTH, 3))
     field = clouds(rng, _HEIGHT, _WIDTH, 1.35)[..., None]
-    cover = np.clip((field + rng.uniform(-0.9, 0.6)) * 0.7, 0, 1) * (0.35 + 0.65 * rows)
-    bright = np.array([246.0, 244.0, 242.0]) - 22 * np.clip(field - 1, 0, 2)
-    image = sky * (1 - cover) + bright * cover
-    image += clouds(rng, _HEIGHT, _WIDTH, 0.7)[..., None] * 0.8
-    _skyline(rng, image, light)
+    cover = np.clip((field + np.float32(rng.uniform(-0.9, 0.6))) * 0.7, 0, 1)
+    cover *= 0.35 + 0.65 * rows
+    image = image + (bright - 22 * np.clip(field - 1, 0, 2) - image) * cover
+    _skyline(rng, image[-_SKYLINE:], light)
     return Panorama(np.clip(image, 0, 255).astype(np.uint8))
 
 
-def _skyline(rng: np.random.Generator, image: np.ndarray, light: Light) -> None:
-    """Paint hills, then woods and roofs, into the bottom of the panorama."""
-    row = np.arange(_HEIGHT)[:, None]
-    hills = _HEIGHT - 14 - 9 * clouds(rng, 1, _WIDTH, 2.0)[0]
-    woods = _HEIGHT - 12 - 6 * np.abs(clouds(rng, 1, _WIDTH, 0.75)[0])
-    roofs = np.full(_WIDTH, float(_HEIGHT))
+def _skyline(rng: np.random.Generator, image: Gray, light: Light) -> None:
+    """Paint hills, then roofs and woods, into the bottom of the panorama."""
+    height = image.shape[0]
+    row = np.arange(height)[:, None]
+    hills = height - 14 - 9 * clouds(rng, 1, _WIDTH, 2.0)[0]
+    woods = height - 12 - 6 * np.abs(clouds(rng, 1, _WIDTH, 0.75)[0])
+    roofs = np.full(_WIDTH, float(height))
     for start in rng.integers(0, _WIDTH - 40, 130):
         end = start + int(rng.integers(8, 40))
-        roofs[start:end] = np.minimum(roofs[start:end], _HEIGHT - rng.uniform(6, _SKYLINE * 0.55))
-    grain = clouds(rng, _HEIGHT, _WIDTH, 0.4)[..., None]
+        roofs[start:end] = np.minimum(roofs[start:end], height * rng.uniform(0.45, 0.9))
+    grain = clouds(rng, height, _WIDTH, 0.4)[..., None]
     for line, colour, contrast in (
         (hills, (150, 138, 118), 3.0),
         (roofs, (138, 136, 138), 9.0),
@@ -53,7 +55,7 @@ def _skyline(rng: np.random.Generator, image: np.ndarray, light: Light) -> None:
         below = (row > line)[..., None]
         haze = 0.45 if contrast < 5 else 0.2
         tone = np.asarray(colour) * (1 - haze) + np.asarray(light.horizon) * haze
-        np.copyto(image, tone + contrast * grain, where=below)
+        np.copyto(image, tone + contrast * grain, where=below, casting="same_kind")
 
 
 def paint_sky(image: Image, view: View, far: Panorama) -> None:

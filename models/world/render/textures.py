@@ -12,15 +12,29 @@ Gray = NDArray[np.float32]
 
 def clouds(rng: np.random.Generator, height: int, width: int, slope: float) -> Gray:
     """Return periodic noise of mean 0 and deviation 1 whose amplitude falls as f to ``-slope``."""
-    fy = np.fft.fftfreq(height)[:, None] * height
-    fx = np.fft.rfftfreq(width)[None] * width
-    radius = np.maximum(np.hypot(fy, fx), 1.0)
-    white = np.fft.rfft2(rng.standard_normal((height, width)))
-    shaped = white * radius**-slope
+    fy = np.fft.fftfreq(height, 1 / height).astype(np.float32)[:, None]
+    fx = np.fft.rfftfreq(width, 1 / width).astype(np.float32)
+    square = np.maximum(fy * fy + fx * fx, 1)
+    shaped = np.fft.rfft2(white(rng, height, width)) * square ** np.float32(-slope / 2)
     shaped[0, 0] = 0
     field = np.fft.irfft2(shaped, (height, width))
     result: Gray = (field / field.std()).astype(np.float32)
     return result
+
+
+def white(rng: np.random.Generator, height: int, width: int) -> Gray:
+    """Return independent noise of mean 0 and deviation 1."""
+    return rng.standard_normal((height, width), np.float32)
+
+
+def pyramid(image: Image, levels: int) -> tuple[Image, ...]:
+    """Return a square image at full size, half, quarter and so on."""
+    side = image.shape[0]
+    small = (
+        cv2.resize(image, (side >> k, side >> k), interpolation=cv2.INTER_AREA)
+        for k in range(levels)
+    )
+    return tuple(np.asarray(level, np.uint8) for level in small)
 
 
 def as_factor(field: Gray, contrast: float) -> Image:
@@ -31,8 +45,8 @@ def as_factor(field: Gray, contrast: float) -> Image:
 
 def asphalt(rng: np.random.Generator, side: int = 1024) -> Image:
     """Return a factor texture of asphalt: stones, fine grain and soft blotches."""
-    grain = rng.standard_normal((side, side)).astype(np.float32)
-    stones = cv2.GaussianBlur(rng.standard_normal((side, side)).astype(np.float32), (0, 0), 1.2)
+    grain = white(rng, side, side)
+    stones = cv2.GaussianBlur(white(rng, side, side), (0, 0), 1.2)
     field = 0.5 * grain + 0.7 * stones / stones.std() + 0.5 * clouds(rng, side, side, 1.0)
     return as_factor(field / field.std(), 0.14)
 

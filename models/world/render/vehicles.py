@@ -64,6 +64,9 @@ _OUTLINES = {
 """Side view (x, z), from the foot of the front over the roof to the foot of the rear; the
 greenhouse stands on the fourth and the seventh point."""
 
+_WHEELS = {Kind.CAR: (0.078, 0.22), Kind.VAN: (0.065, 0.157), Kind.TRUCK: (0.045, 0.139)}
+"""Radius of the wheels along x and z."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Face:
@@ -175,8 +178,7 @@ def _side_details(kind: Kind, side: float) -> Iterable[Face]:
         if kind == Kind.TRUCK:
             window = [(0.485, 0.45), (0.478, 0.68), (0.42, 0.68), (0.42, 0.45)]
         yield _face([(x, side * 0.503, z) for x, z in window], Part.GLASS, True)
-    radius = 0.22 if kind == Kind.CAR else 0.17
-    long = {Kind.CAR: 0.072, Kind.VAN: 0.065, Kind.TRUCK: 0.045}[kind]
+    long, radius = _WHEELS[kind]
     turn = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     for x in (0.31, -0.31):
         for share, part in ((1.0, Part.TYRE), (0.55, Part.RIM)):

@@ -101,6 +101,11 @@ class Strip:
         result: Floats = view.width / 2 - left * view.focal / self.ahead
         return result
 
+    def part(self, rows: slice) -> Strip:
+        """Return some of the rows."""
+        tables = (self.row, self.ahead, self.s, self.centre, self.slope)
+        return Strip(*(table[rows] for table in tables))
+
 
 def strip(view: View, route: Route, farthest: float = 350.0) -> Strip:
     """Return where the road lies in each row of the image."""
