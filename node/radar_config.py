@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dbc.errors import DeviceError
+from dbc.errors import DeviceError, SceneError
 from drivers.ars408_layout import ID_SHIFT
 from drivers.can_bus import CanBus, open_bus
 from drivers.can_frames import CanFrames
@@ -16,6 +16,7 @@ from drivers.radar_settings import (
     CONFIG_ID,
     FILTER_ID,
     FILTER_STATE_ID,
+    SETTINGS,
     STATE_ID,
     VERSION_ID,
     RadarFilter,
@@ -24,6 +25,7 @@ from drivers.radar_settings import (
     decode_version,
     differences,
 )
+from node.scene import Sensor
 
 _READ_S = 0.1
 _RESEND_S = 1.1
@@ -159,6 +161,26 @@ class RadarLink:
     def _silent(self, timeout_s: float) -> DeviceError:
         remedy = "is it powered, on this bus, at 500 kbit/s, with this SensorID?"
         return DeviceError(self._name, f"never answered within {timeout_s:g} s", remedy)
+
+
+def apply_settings(sensor: Sensor, *, store: bool = False, timeout_s: float = 5.0) -> None:
+    """Send the settings that a scene has for a radar until it confirms them.
+
+    Raises
+    ------
+    DeviceError
+        If the bus cannot be opened, or the radar does not answer or keeps something else.
+    SceneError
+        If the scene has no settings for it, or a value is impossible.
+    """
+    if sensor.settings is None:
+        raise SceneError(sensor.name, "has no settings", "give [sensors.settings] in the scene")
+    asked = sensor.settings.model_dump(exclude_none=True, exclude={"filters"})
+    flags = {name.replace("_", "-"): value for name, value in asked.items()}
+    wanted = {flag: SETTINGS[flag].value(value) for flag, value in flags.items()}
+    filters = [RadarFilter.parse(text) for text in sensor.settings.filters]
+    with RadarLink(sensor.source, sensor.sensor_id) as radar:
+        radar.configure(wanted, filters, store=store, timeout_s=timeout_s)
 
 
 class _Answers:

@@ -36,6 +36,19 @@ class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+class RadarSettings(_Strict):
+    """What a radar is told to do; see ``murk radar configure --help`` for names and units."""
+
+    output: Literal["none", "objects", "clusters"] | None = None
+    quality: bool | None = None
+    extended: bool | None = None
+    max_distance: Annotated[float, Field(gt=0)] | None = None
+    power: Literal["standard", "-3dB", "-6dB", "-9dB"] | None = None
+    sort_index: Annotated[int, Field(ge=0, le=7)] | None = None
+    rcs_threshold: Literal["standard", "high"] | None = None
+    filters: tuple[str, ...] = ()
+
+
 class Sensor(_Strict):
     """One sensor and where its data comes from.
 
@@ -44,7 +57,7 @@ class Sensor(_Strict):
     SensorID, which shifts its CAN IDs by 0x10 each. ``motion`` is a CAN log or bus whose speed and
     yaw rate (0x300, 0x301) are sent to a radar on a bus, 20 times a second. ``size`` (width,
     height), ``rate_hz`` and ``pixel_format`` are asked of a live camera; by default it is taken as
-    it is.
+    it is. ``settings`` are sent to a radar on a bus until it confirms them.
     """
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
@@ -52,6 +65,7 @@ class Sensor(_Strict):
     source: Annotated[str, Field(min_length=1)]
     sensor_id: Annotated[int, Field(ge=0, le=7)] = 0
     motion: str | None = None
+    settings: RadarSettings | None = None
     size: tuple[PositiveInt, PositiveInt] | None = None
     rate_hz: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     pixel_format: Literal["MJPG", "YUYV"] | None = None

@@ -162,6 +162,10 @@ def open_source(sensor: Sensor, world: World | None) -> Source:
 
 
 def _open_bus(sensor: Sensor) -> Source:
+    if sensor.settings is not None:
+        from node.radar_config import apply_settings
+
+        apply_settings(sensor)
     source = CanBusSource(sensor)
     if sensor.motion is not None:
         vehicle = sensor.model_copy(update={"source": sensor.motion, "sensor_id": 0})

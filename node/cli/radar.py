@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -39,7 +40,9 @@ def status(
 
 @app.command()
 def configure(
-    bus: BusArgument,
+    bus: Annotated[
+        str, typer.Argument(metavar="BUS|SCENE", help="A bus, or a scene file with settings.")
+    ],
     sensor_id: SensorFlag = 0,
     output: Annotated[
         str | None, typer.Option(help="clusters, objects or none.", metavar="WHAT")
@@ -79,6 +82,12 @@ def configure(
     """Set a radar up: sent until it says that it does what was asked."""
     from dbc.errors import SceneError
     from drivers.radar_settings import SETTINGS, RadarFilter
+
+    if store:
+        sys.stderr.write("murk: --store writes the radar's memory, which wears out by that\n")
+    if bus.endswith(".toml"):
+        _configure_scene(Path(bus), store=store, timeout_s=timeout, json=json)
+        return
     from node.radar_config import RadarLink
 
     asked: dict[str, str | float | None] = {
@@ -98,8 +107,6 @@ def configure(
     parsed = [RadarFilter.parse(text) for text in filters or []]
     if not wanted and not parsed:
         raise SceneError("murk radar configure", "nothing is to be set", "give --output clusters")
-    if store:
-        sys.stderr.write("murk: --store writes the radar's memory, which wears out by that\n")
     with RadarLink(bus, sensor_id) as radar:
         radar.configure(wanted, parsed, store=store, timeout_s=timeout)
     if json:
@@ -109,6 +116,24 @@ def configure(
         words = [f"{flag} {SETTINGS[flag].say(value)}" for flag, value in wanted.items()]
         words += [f"filter {one.name} {one.low:g} to {one.high:g}" for one in parsed]
         sys.stdout.write(f"radar {sensor_id} confirms {', '.join(words)}\n")
+
+
+def _configure_scene(path: Path, *, store: bool, timeout_s: float, json: bool) -> None:
+    """Set up every radar on a bus for which a scene has settings."""
+    from dbc.errors import SceneError
+    from node.radar_config import apply_settings
+    from node.scene import check_scene, read_scene_file
+
+    scene = check_scene(read_scene_file(path), path)
+    radars = [sensor for sensor in scene.sensors if sensor.settings is not None]
+    if not radars:
+        raise SceneError(path, "has no settings for a radar", "give [sensors.settings]")
+    for radar in radars:
+        apply_settings(radar, store=store, timeout_s=timeout_s)
+        if json:
+            emit({"type": "radar_configured", "sensor": radar.name, "stored": store})
+        else:
+            sys.stdout.write(f"{radar.name} confirms its settings\n")
 
 
 def _print(title: str, state: dict[str, float], version: dict[str, float] | None) -> None:

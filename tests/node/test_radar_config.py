@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from importlib.resources import files
+from pathlib import Path
 
 import cantools.database
 import numpy as np
@@ -284,3 +285,18 @@ def test_wrong_flags_end_with_two(
     spec = f"virtual:flags{next(_numbers)}"
     assert murk(monkeypatch, "radar", "configure", spec, *flags, "--timeout", "0.1") == 2
     assert capsys.readouterr().out == ""
+
+
+def test_a_scene_sets_its_radars_up(
+    radar: SimulatedRadar, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    path = tmp_path / "scene.toml"
+    settings = 'output = "clusters"\nquality = true\nmax_distance = 100\nfilters = ["Distance:0:90"]'
+    path.write_text(
+        "[[sensors]]\nname = 'front'\ntype = 'radar'\n"
+        f"source = '{radar.bus.name}'\nsensor_id = 2\n[sensors.settings]\n{settings}\n"
+    )
+    assert murk(monkeypatch, "radar", "configure", str(path)) == 0
+    assert radar.state["RadarState_OutputTypeCfg"] == 2
+    assert radar.state["RadarState_SendQualityCfg"] == 1
+    assert radar.stored == 0
