@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,6 @@ FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.intp]
 
-_NAMES = tuple(field.name for field in fields(RadarScan))
 _FIELDS = ("x", "y", "vx", "vy", "rcs")
 _PDH0_BOUNDS = np.array([0.25, 0.5, 0.75, 0.9, 0.99, 0.999, 1.0])
 _PDH0_MIDDLES = np.array([1.0, 0.125, 0.375, 0.625, 0.825, 0.945, 0.9945, 0.9995])
@@ -131,7 +130,8 @@ class Clusters:
         """Return the scan that the sensor would send.
 
         Values are on the CAN grid; the near list comes before the far list, each sorted by range;
-        IDs count from 0; and the list ends where a cycle is full.
+        IDs count from 0; and the list ends where a cycle is full. It is of the same type as the
+        scan that came, every array of which goes with its cluster.
         """
         scan, sensor = self.scan, self.sensor
         with_quality = scan.pdh0 is not None
@@ -143,7 +143,7 @@ class Clusters:
         index = np.lexsort((order, self.far))[:limit]
         self._take(index)
         far = int(np.count_nonzero(self.far))
-        values: dict[str, Any] = {name: getattr(scan, name) for name in _NAMES}
+        values: dict[str, Any] = {name: getattr(scan, name) for name in scan.__dataclass_fields__}
         for name, value in values.items():
             if isinstance(value, np.ndarray):
                 values[name] = value[self.source]
@@ -152,7 +152,7 @@ class Clusters:
         values["id"] = np.arange(len(self), dtype=np.uint8)
         values["near"], values["far"] = len(self) - far, far
         values["frames_lost"] += self.masked
-        return RadarScan(**values)
+        return type(scan)(**values)
 
 
 def consistent_quality(scan: RadarScan, drop_db: float, sensor: RadarSensor) -> RadarScan:
