@@ -291,7 +291,7 @@ def test_a_scene_sets_its_radars_up(
     radar: SimulatedRadar, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     path = tmp_path / "scene.toml"
-    settings = 'output = "clusters"\nquality = true\nmax_distance = 100\nfilters = ["Distance:0:90"]'
+    settings = 'output = "clusters"\nquality = true\nfilters = ["Distance:0:90"]'
     path.write_text(
         "[[sensors]]\nname = 'front'\ntype = 'radar'\n"
         f"source = '{radar.bus.name}'\nsensor_id = 2\n[sensors.settings]\n{settings}\n"
