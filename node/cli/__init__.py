@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from dbc.errors import MurkError
-from node.cli import bench, demo, doctor, estimate, gateway, plan, play, radar, run, train
+from node.cli import bench, decode, demo, doctor, estimate, gateway, plan, play, radar, run, train
 
 app = typer.Typer(
     name="murk",
@@ -40,6 +40,7 @@ app.command()(run.run)
 app.command()(demo.demo)
 app.command()(plan.plan)
 app.command()(estimate.estimate)
+app.command()(decode.decode)
 app.command()(bench.bench)
 app.command()(doctor.doctor)
 app.command()(train.train)

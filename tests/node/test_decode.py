@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from dbc.errors import LogError
+from drivers.candump import write_candump
+from models.world.radar import WorldRadar
+from models.world.road import World
+from node.cli import app
+
+REAL = {"object_mode_144s": 5609, "object_mode_38s": 2996}
+
+
+def decoded(log: Path, *flags: str) -> str:
+    result = CliRunner().invoke(app, ["decode", str(log), *flags])
+    assert result.exit_code == 0, result.exception
+    return result.stdout
+
+
+def test_rows_and_json_say_the_same(tmp_path: Path) -> None:
+    log = tmp_path / "world.log"
+    radar = WorldRadar(World(seed=2, duration_s=0.5))
+    write_candump(log, radar.frames())
+    scans = [json.loads(line) for line in decoded(log, "--json").splitlines()]
+    rows = list(csv.DictReader(io.StringIO(decoded(log))))
+    expected = list(WorldRadar(World(seed=2, duration_s=0.5)).scans())
+    assert len(rows) == sum(map(len, expected))
+    assert [len(scan["x"]) for scan in scans] == [len(scan) for scan in expected]
+    for scan, truth in zip(scans, expected, strict=True):
+        for name, array in truth.arrays().items():
+            np.testing.assert_array_equal(np.array(scan[name], array.dtype), array)
+    flat = [x for scan in scans for x in scan["rcs"]]
+    assert [float(row["rcs"]) for row in rows] == flat
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_recordings_in_object_mode(data: Path, name: str) -> None:
+    lines = decoded(data / "radar" / "candump" / f"{name}.log").splitlines()
+    assert len(lines) - 1 == REAL[name]
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"\x00\xff\x7fELF" * 100, "no CAN frame"),
+        (b"", "holds no CAN frame"),
+        (b"(1.0) can0 123#00\n", "no radar scan"),
+        (b"(1532402927.664178) can0 600#7D000002\n(1532402927.66", ":2:"),
+    ],
+)
+def test_what_is_no_radar_log_says_where(tmp_path: Path, content: bytes, expected: str) -> None:
+    log = tmp_path / "bad.log"
+    log.write_bytes(content)
+    result = CliRunner().invoke(app, ["decode", str(log)])
+    assert isinstance(result.exception, LogError)
+    assert expected in str(result.exception)
+    assert "\n" not in str(result.exception)
