@@ -20,9 +20,9 @@ from models.world.road import World
 
 Estimator = Callable[[RadarScan], Estimate]
 
-DRIFT_PER_S = 0.2
-JUMP_PER_S = 0.1
-CORRELATION_S = 0.3
+DRIFT_PER_S = 0.05
+JUMP_PER_S = 0.05
+CORRELATION_S = 0.1
 """The filter that the measurements use."""
 
 _COLUMNS = ("x", "y", "vx", "vy", "rcs")

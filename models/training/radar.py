@@ -51,16 +51,20 @@ Report = Callable[[dict[str, object]], None]
 
 _HIDDEN = 64
 _DROPOUT = 0.2
-_BATCH = 256
-_EPOCHS = 5
-_PEAK_RATE = 2e-3
+_BATCH = 512
+_EPOCHS = 10
+_PEAK_RATE = 3e-3
 _WEIGHT_DECAY = 1e-2
 _RANKED_WEIGHT = 1.0
 _KIND_WEIGHT = 0.3
+_PART_WEIGHT = 0.1
+"""Of the level of scans degraded by one part of ``snr`` alone: it can often not be known."""
 _STANDARD_DEVIATIONS = 4.0
+_TAIL = 0.05
+_SMALLEST_STD = 0.02
 
-_AMOUNTS = Amounts(repeats=6, joined=2000, worlds=400, per_world=4)
-_QUICK_AMOUNTS = Amounts(repeats=1, joined=20, worlds=2, per_world=2)
+_AMOUNTS = Amounts(repeats=8, joined=3000, worlds=500, per_world=4, sparse=200)
+_QUICK_AMOUNTS = Amounts(repeats=1, joined=20, worlds=2, per_world=2, sparse=5)
 _QUICK_DRIVES = 2
 _QUICK_SCANS = 7
 _DRAWS = 2
@@ -180,16 +184,16 @@ def _fit(samples: Samples, seed: int) -> Perceptron:
     levels, kinds = torch.from_numpy(samples.levels), torch.from_numpy(samples.kinds)
     counts = torch.bincount(kinds, minlength=len(RADAR_KINDS)).clamp(min=1)
     kind_weights = len(kinds) / (len(RADAR_KINDS) * counts)
-    network = Perceptron(features.mean(dim=0), features.std(dim=0) + 1e-2)
+    level_weights = torch.where(kinds > RADAR_KINDS.index("snr"), _PART_WEIGHT, 1.0)
+    network = Perceptron(*_location_and_scale(features))
     steps = _EPOCHS * -(-len(features) // _BATCH)
     optimizer = torch.optim.AdamW(network.parameters(), weight_decay=_WEIGHT_DECAY)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, _PEAK_RATE, total_steps=steps)
     for _ in range(_EPOCHS):
         for batch in torch.split(torch.randperm(len(features)), _BATCH):
             level, kind = network(features[batch])
-            loss = _level_loss(level, levels[batch]) + _KIND_WEIGHT * functional.cross_entropy(
-                kind, kinds[batch], kind_weights
-            )
+            loss = (level_weights[batch] * _level_loss(level, levels[batch])).mean()
+            loss = loss + _KIND_WEIGHT * functional.cross_entropy(kind, kinds[batch], kind_weights)
             optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             optimizer.step()
@@ -197,11 +201,19 @@ def _fit(samples: Samples, seed: int) -> Perceptron:
     return network.eval()
 
 
+def _location_and_scale(features: Tensor) -> tuple[Tensor, Tensor]:
+    """Return mean and std of each feature without its tails, which few clusters alone fill."""
+    tails = np.quantile(features.numpy(), (_TAIL, 1.0 - _TAIL), axis=0).astype(np.float32)
+    middle = features.clamp(torch.from_numpy(tails[0]), torch.from_numpy(tails[1]))
+    return middle.mean(dim=0), middle.std(dim=0) + _SMALLEST_STD
+
+
 def _level_loss(logits: Tensor, levels: Tensor) -> Tensor:
     """Cross entropy and ranked probability score: to miss by a little is better than by much."""
     truth = functional.one_hot(levels, len(LEVELS)).to(logits.dtype)
     apart = logits.softmax(dim=1).cumsum(dim=1) - truth.cumsum(dim=1)
-    return functional.cross_entropy(logits, levels) + _RANKED_WEIGHT * apart.square().sum(1).mean()
+    ranked = apart.square().sum(dim=1)
+    return functional.cross_entropy(logits, levels, reduction="none") + _RANKED_WEIGHT * ranked
 
 
 def answers_of(network: Perceptron) -> Estimator:

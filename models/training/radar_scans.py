@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ SIMULATED = -1
 _BEARING_STD = 25.0
 _RCS_STD = 1.5
 _FEWEST = 8
+_SPARSE = 40
 _CYCLES_PER_WORLD = 400
 _SHARE_WITH_QUALITY = 0.7
 
@@ -69,12 +71,16 @@ class Amounts:
         Scans joined of two recorded ones.
     worlds, per_world:
         Simulated drives, and scans of each.
+    sparse:
+        Recorded scans of which one to forty clusters are left, so that a scan of few clusters is
+        known to say little.
     """
 
     repeats: int
     joined: int
     worlds: int
     per_world: int
+    sparse: int
 
 
 def make_samples(drives: Sequence[Drive], amounts: Amounts, *, seed: int) -> Samples:
@@ -103,6 +109,11 @@ def _clean_scans(
         scans = [drives[index].scans for index in (first, second)]
         pair = [some[rng.integers(len(some))] for some in scans]
         yield join(pair[0], pair[1], rng), (int(first), int(second))
+    for _ in range(amounts.sparse):
+        index = int(rng.integers(len(drives)))
+        scan = drives[index].scans[rng.integers(len(drives[index].scans))]
+        few = rng.permutation(len(scan))[: rng.integers(1, _SPARSE, endpoint=True)]
+        yield _chosen(scan, np.sort(few)), (index, index)
     for _ in range(amounts.worlds):
         world, quality = int(rng.integers(2**31)), bool(rng.random() < _SHARE_WITH_QUALITY)
         for cycle in rng.choice(_CYCLES_PER_WORLD, amounts.per_world, replace=False):
@@ -144,6 +155,12 @@ def join(left: RadarScan, right: RadarScan, rng: np.random.Generator) -> RadarSc
         rcs=rcs,
         dyn_prop=dyn_prop[kept],
     )
+
+
+def _chosen(scan: RadarScan, index: NDArray[np.intp]) -> RadarScan:
+    columns: dict[str, Any] = {name: values[index] for name, values in scan.arrays().items()}
+    columns["id"] = np.arange(len(index), dtype=np.uint8)
+    return replace(scan, near=len(index), far=0, **columns)
 
 
 def _rows(scan: RadarScan) -> NDArray[np.float64]:

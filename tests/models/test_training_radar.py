@@ -14,7 +14,7 @@ from models.estimate.radar_features import EgoMotion, ego_motion
 from models.evaluate.radar import simulated_drive
 from models.training.radar_scans import SIMULATED, Amounts, join, make_samples
 
-SMALL = Amounts(repeats=1, joined=6, worlds=1, per_world=2)
+SMALL = Amounts(repeats=1, joined=6, worlds=1, per_world=2, sparse=5)
 
 
 def test_quick_training_writes_a_network_that_loads_and_its_card(
@@ -60,7 +60,7 @@ def test_samples_repeat_and_leave_a_drive_out_completely() -> None:
     samples = make_samples(drives, SMALL, seed=4)
     again = make_samples(drives, SMALL, seed=4)
     np.testing.assert_array_equal(samples.features, again.features)
-    assert len(samples.levels) == (6 + 6 + 2) * 14
+    assert len(samples.levels) == (6 + 6 + 2 + 5) * 14
     assert np.bincount(samples.levels[: 14 * 6], minlength=11).min() >= 6
     rest = samples.without(1)
     assert 1 in samples.drives
