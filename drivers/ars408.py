@@ -80,22 +80,25 @@ class ScanAssembler:
         codes = self._codes.take(frames.can_id, mode="clip")  # the last ID is no radar's
         if frames.flags.any():
             codes[frames.flags & _FOREIGN != 0] = 0
-        rows = np.flatnonzero(codes)
-        if not len(rows):
-            return []
-        if len(rows) < len(frames):
+        if not codes.all():
+            rows = np.flatnonzero(codes)
             codes, frames = codes[rows], frames.select(rows)
+        else:
+            rows = np.arange(len(frames))
         sensor_ids = codes >> 4
         kinds: NDArray[np.uint8] = codes & np.uint8(0x0F)
-        kinds[frames.length < self._shortest.take(kinds)] = Kind.TOO_SHORT
-        radar_frames = RadarFrames(
-            rows, kinds, frames.data[:, :PAYLOAD_BYTES], frames.stamp_ns, frames.stamp_source
-        )
+        brief = np.flatnonzero(frames.length < PAYLOAD_BYTES)
+        too_short = frames.length[brief] < self._shortest[kinds[brief]]
+        kinds[brief[too_short]] = Kind.TOO_SHORT
+        payload = frames.data[:, :PAYLOAD_BYTES]
+        received = RadarFrames(rows, kinds, payload, frames.stamp_ns, frames.stamp_source)
         found: list[Placed] = []
-        for sensor_id in np.flatnonzero(np.bincount(sensor_ids)).tolist():
+        for sensor_id, radar in self._radars.items():
             own = sensor_ids == sensor_id
-            one = radar_frames if own.all() else radar_frames.select(own)
-            found += self._radars[sensor_id].feed(one, frames.dropped)
+            if own.any():
+                found += radar.feed(
+                    received if own.all() else received.take(np.flatnonzero(own)), frames.dropped
+                )
         found.sort(key=itemgetter(0))
         return [item for _, item in found]
 

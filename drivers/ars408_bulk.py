@@ -44,13 +44,23 @@ class RadarFrames:
     def __len__(self) -> int:
         return len(self.row)
 
-    def select(self, rows: slice | NDArray[Any]) -> RadarFrames:
-        """Return the frames of a slice, an index array or a mask."""
+    def take(self, places: IndexArray) -> RadarFrames:
+        """Return the frames at these places."""
         return RadarFrames(
-            self.row[rows],
-            self.kind[rows],
-            self.payload[rows],
-            self.stamp_ns[rows],
+            self.row.take(places),
+            self.kind.take(places),
+            self.payload.take(places, axis=0),
+            self.stamp_ns.take(places),
+            self.stamp_source,
+        )
+
+    def since(self, place: int) -> RadarFrames:
+        """Return the frames from a place on."""
+        return RadarFrames(
+            self.row[place:],
+            self.kind[place:],
+            self.payload[place:],
+            self.stamp_ns[place:],
             self.stamp_source,
         )
 
@@ -137,7 +147,7 @@ def regular_cycles(frames: RadarFrames, announced: list[Announcement]) -> list[C
     if not announced:
         return []
     last = _last_rows(frames, announced)
-    frames = frames.select(slice(announced[0].start, None))
+    frames = frames.since(announced[0].start)
     start = np.array([head.start for head in announced]) - announced[0].start
     length = np.diff(start, append=len(frames))
     states = np.add.reduceat(frames.kind == Kind.RADAR_STATE, start, dtype=np.intp)

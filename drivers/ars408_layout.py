@@ -22,8 +22,8 @@ RMS_METRES = np.append(np.round(0.005 * 2000.0 ** (np.arange(31) / 30.0), 3), np
 """Standard deviation by RMS index, m or m/s, shape (32,); index 31 is invalid, so NaN."""
 
 
-_CACHEFUL = 1024
-"""Frames whose decoded signals stay in a processor's cache, and below what malloc maps anew."""
+_CACHEFUL = 4096
+"""Frames whose decoded signals stay in a processor's cache."""
 
 NO_RMS = 31
 NO_VALUE = {"pdh0": 0, "ambig_state": 0, "prob_of_exist": 0, "meas_state": 7, "object_class": 7}

@@ -95,8 +95,8 @@ class Radar:
         self._dropped = dropped
         motion = (frames.kind == Kind.SPEED) | (frames.kind == Kind.YAW_RATE)
         if motion.any():
-            yield from self._motion(frames.select(motion))
-            frames = frames.select(~motion)
+            yield from self._motion(frames.take(np.flatnonzero(motion)))
+            frames = frames.take(np.flatnonzero(~motion))
         states = self._states(frames)
         announced = announcements(frames)
         yield from self._step(frames, 0, announced[0].start if announced else len(frames), states)
