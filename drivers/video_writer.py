@@ -36,6 +36,8 @@ class VideoWriter:
         Where the file is to be; an older file there is replaced.
     lossless:
         Keep every pixel to the bit (H.264 in RGB, several times larger).
+    threads:
+        Of the encoder; 0: one a core. The bytes of the file, not its pixels, depend on it.
 
     Raises
     ------
@@ -43,9 +45,10 @@ class VideoWriter:
         If the file cannot be made.
     """
 
-    def __init__(self, path: Path, *, lossless: bool = False) -> None:
+    def __init__(self, path: Path, *, lossless: bool = False, threads: int = 0) -> None:
         self.path = path
         self._lossless = lossless
+        self._threads = threads
         self._unfinished = path.with_name(f".{path.name}.part")
         self._stream: VideoStream | None = None
         self._last_pts: int | None = None
@@ -137,6 +140,7 @@ class VideoWriter:
         else:  # chroma can only be halved where the size is even
             stream.pix_fmt = "yuv420p" if width % 2 == height % 2 == 0 else "yuv444p"
         stream.width, stream.height = width, height
+        stream.codec_context.thread_count = self._threads
         stream.codec_context.time_base = TIME_BASE
         return stream
 

@@ -10,7 +10,20 @@ from typing import Annotated
 import typer
 
 from dbc.errors import MurkError
-from node.cli import bench, decode, demo, doctor, estimate, gateway, plan, play, radar, run, train
+from node.cli import (
+    bench,
+    decode,
+    degrade,
+    demo,
+    doctor,
+    estimate,
+    gateway,
+    plan,
+    play,
+    radar,
+    run,
+    train,
+)
 
 app = typer.Typer(
     name="murk",
@@ -47,6 +60,7 @@ app.command()(train.train)
 app.command()(play.play)
 app.add_typer(radar.app, name="radar")
 app.command()(gateway.gateway)
+app.command()(degrade.degrade)
 
 
 def main() -> None:

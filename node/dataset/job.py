@@ -1,0 +1,136 @@
+"""One job: one file degraded by one kind at one level, complete or not there."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from dbc.errors import InputError
+from models.degrade.draw import DrawKey
+from models.degrade.kinds import module_of
+from node.dataset.sources import SENSOR_TYPE, Source
+
+STATE = ".murk"
+"""Folder in the output that holds how far a run is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One file, kind and level.
+
+    Attributes
+    ----------
+    source:
+        The file.
+    kind, level:
+        What is done to it, %.
+    seed:
+        Of the run.
+    output:
+        The folder of the whole run, absolute.
+    target:
+        The degraded file, relative to ``output``, with ``/``.
+    """
+
+    source: Source
+    kind: str
+    level: float
+    seed: int
+    output: Path
+    target: str
+
+    @property
+    def labels(self) -> Path:
+        """The job's own labels: where they are, the job is done."""
+        return self.output / STATE / "labels" / f"{self.target}.jsonl"
+
+    def is_done(self) -> bool:
+        """Tell whether file and labels are there, and are of this job.
+
+        Where files came or went since, a single image or scan may have another number.
+        """
+        if not (self.output / self.target).exists():
+            return False
+        try:
+            with self.labels.open(encoding="utf-8") as file:
+                sequence = json.loads(file.readline())["sequence"]
+        except FileNotFoundError:
+            return False
+        return self.source.form in ("video", "log") or sequence == self.source.sequence
+
+    def degrade(self, data: Any, sensor: str, sequence: int) -> tuple[Any, dict[str, Any]]:
+        """Degrade one image or scan; return it and its label.
+
+        Where nothing happens to it (level 0) it comes back itself.
+        """
+        module = module_of(SENSOR_TYPE[self.source.form], self.kind)
+        drawn = module.draw(self.kind, self.level, DrawKey(self.seed, sensor, sequence))
+        label = {
+            "file": self.target,
+            "sensor": sensor,
+            "sequence": sequence,
+            "kind": self.kind,
+            "level": self.level,
+            "seed": self.seed,
+            "drawn": asdict(drawn),
+        }
+        return module.apply(drawn, data), label
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """What a finished job says of itself.
+
+    Attributes
+    ----------
+    messages:
+        Images or scans that it degraded.
+    run_time_s:
+        Seconds.
+    """
+
+    job: Job
+    messages: int
+    run_time_s: float
+
+
+def run_job(job: Job) -> Done:
+    """Do a job. A file appears under its name only when it is complete, its labels after it.
+
+    Raises
+    ------
+    InputError
+        If the source cannot be read or the target cannot be written.
+    """
+    start = time.perf_counter()
+    form = import_module(f"node.dataset.{job.source.form}")
+    target = job.output / job.target
+    try:
+        labels = _into_place(target, lambda path: form.degrade(job, path), job.output)
+        text = "".join(json.dumps(label, allow_nan=False) + "\n" for label in labels)
+        _into_place(job.labels, lambda path: path.write_text(text, encoding="utf-8"), job.output)
+    except OSError as error:
+        where = error.filename or target
+        raise InputError(
+            where, str(error.strerror).lower(), "make room or choose another"
+        ) from None
+    return Done(job, len(labels), time.perf_counter() - start)
+
+
+def _into_place(target: Path, write: Callable[[Path], Any], output: Path) -> Any:
+    """Let ``write`` make a file elsewhere in the same file system, then give it its name."""
+    unfinished = output / STATE / "unfinished" / f"{uuid4().hex}-{target.name}"
+    unfinished.parent.mkdir(parents=True, exist_ok=True)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        result = write(unfinished)
+        unfinished.replace(target)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    return result

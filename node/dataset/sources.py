@@ -1,0 +1,138 @@
+"""The files of a data set that can be degraded, and what each of them is."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from dbc.errors import InputError
+from drivers.camera import IMAGE_SUFFIXES
+from drivers.can_log import CANDUMP_SUFFIXES
+
+Form = Literal["image", "video", "log", "cloud"]
+
+SENSOR_TYPE = {"image": "camera", "video": "camera", "log": "radar", "cloud": "radar"}
+"""Sensor type by form: it decides which kinds a file can have."""
+
+VIDEO_SUFFIXES = frozenset({".avi", ".h264", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".webm"})
+
+_UNDERSTOOD = "a video, images, candump logs, or nuScenes (samples/CAM_*, samples/RADAR_*)"
+_AMBIGUOUS = ".txt"
+"""In a folder such a file is rather a readme than a log."""
+_NUSCENES_PARTS = ("samples", "sweeps")
+_NUSCENES_SENSORS = ("CAM_", "RADAR_")
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One file to be degraded.
+
+    Attributes
+    ----------
+    path:
+        The file, absolute.
+    target:
+        Where its copy belongs below the folder of its kind and level, with ``/``.
+    form:
+        What it is.
+    sensor, sequence:
+        For the draws: the sensor's name, and of a single image or scan its number. A file is a
+        sensor of its own, but in nuScenes a folder is a sensor and its files are its messages.
+    """
+
+    path: Path
+    target: str
+    form: Form
+    sensor: str
+    sequence: int = 0
+
+
+def find_sources(path: Path) -> tuple[list[Source], int]:
+    """Find what is to be degraded in a file or, recursively, in a folder.
+
+    Hidden files are passed over.
+
+    Returns
+    -------
+    list of Source
+        Sorted by path.
+    int
+        How many other files the folder holds.
+
+    Raises
+    ------
+    InputError
+        If the path cannot be read or holds nothing that is understood.
+    """
+    path = path.resolve()
+    if not path.exists():
+        raise InputError(path, "no such file or folder", f"expected {_UNDERSTOOD}")
+    if not path.is_dir():
+        form = _form(path.name, alone=True)
+        if form is None:
+            raise InputError(path, f"{path.suffix or 'a file without suffix'} is not understood",
+                             f"expected {_UNDERSTOOD}")  # fmt: skip
+        return [Source(path, _target(path.name, form), form, path.name)], 0
+    files = [name for name in _walk(path) if not _is_foreign(path, name)]
+    forms = {name: _form(name, alone=False) for name in files}
+    known = {name: form for name, form in forms.items() if form is not None}
+    if not known:
+        raise InputError(path, "holds nothing to degrade", f"expected {_UNDERSTOOD}")
+    messages: dict[str, int] = {}
+    sources = []
+    for name, form in known.items():
+        sensor, sequence = name, 0
+        if _is_nuscenes(path):
+            sensor = name.rpartition("/")[0]
+            sequence = messages[sensor] = messages.get(sensor, -1) + 1
+        sources.append(Source(path / name, _target(name, form), form, sensor, sequence))
+    return sources, len(files) - len(sources)
+
+
+def _walk(folder: Path) -> list[str]:
+    """Return all files below a folder, sorted, relative to it, with ``/``."""
+
+    def visible() -> Iterator[str]:
+        for place, folders, files in os.walk(folder, onerror=_refuse):
+            folders[:] = [name for name in folders if not name.startswith(".")]
+            for name in files:
+                if not name.startswith("."):
+                    yield (Path(place) / name).relative_to(folder).as_posix()
+
+    return sorted(visible())
+
+
+def _refuse(error: OSError) -> None:
+    raise InputError(error.filename, str(error.strerror).lower(), "expected a readable folder")
+
+
+def _is_nuscenes(folder: Path) -> bool:
+    return any((folder / "samples").glob("CAM_*")) or any((folder / "samples").glob("RADAR_*"))
+
+
+def _is_foreign(folder: Path, name: str) -> bool:
+    """Whether a file of nuScenes is of no camera and no radar: maps, lidar."""
+    part, _, rest = name.partition("/")
+    ours = part in _NUSCENES_PARTS and rest.startswith(_NUSCENES_SENSORS)
+    return _is_nuscenes(folder) and not ours
+
+
+def _form(name: str, *, alone: bool) -> Form | None:
+    path = Path(name.lower())
+    suffix = Path(path.stem).suffix if path.suffix == ".gz" else path.suffix
+    if suffix in CANDUMP_SUFFIXES and (alone or suffix != _AMBIGUOUS):
+        return "log"
+    if path.suffix in IMAGE_SUFFIXES:
+        return "image"
+    if path.suffix in VIDEO_SUFFIXES:
+        return "video"
+    return "cloud" if path.suffix == ".pcd" else None
+
+
+def _target(name: str, form: Form) -> str:
+    """Return the copy's name: a video becomes an MP4 file, everything else stays what it is."""
+    is_other_video = form == "video" and not name.lower().endswith(".mp4")
+    return f"{name}.mp4" if is_other_video else name
