@@ -31,6 +31,8 @@ class CleanFrame:
         Image of the same size, non-zero where pixels were repaired; it may not exist.
     scene, source, licence, condition:
         Where it comes from, its terms, and the time of day.
+    restricted:
+        True where the licence allows research or non-commercial use only.
     certain:
         False where it was sharpened or is soft, so that level 0 is true with care only.
     """
@@ -41,7 +43,17 @@ class CleanFrame:
     source: str
     licence: str
     condition: str
+    restricted: bool
     certain: bool
+
+    @property
+    def name(self) -> str:
+        """What tells it from other frames."""
+        return self.path.name
+
+    def read_repaired(self) -> Image | None:
+        """Return the mask of repaired pixels, or None where there is none."""
+        return read_image(self.mask)
 
     def read(self) -> Image:
         """Return the image, (height, width, 3) uint8 BGR.
@@ -84,6 +96,7 @@ def clean_frames(data: Path, split: str) -> list[CleanFrame]:
                 source=row["source"].split(":")[0],
                 licence=row["licence"],
                 condition=row["timeofday"],
+                restricted=row.get("licence_class") == "B",
                 certain=float(row["clean"]) == 1,
             )
             for row in rows
@@ -172,7 +185,7 @@ def degraded(
     for index, frame in enumerate(frames):
         image = frame.read()
         for draw_number in range(draws):
-            key = DrawKey(seed, frame.path.name, draw_number)
+            key = DrawKey(seed, frame.name, draw_number)
             choice = key.generator("kind and level")
             kind, level = KINDS[choice.integers(len(KINDS))], float(choice.choice(LEVELS))
             degradation = draw(kind, level, key, method=method)

@@ -21,7 +21,8 @@ from models.estimate.level import CAMERA_KINDS, LEVELS
 from models.estimate.network import softmax
 from models.evaluate.camera import Answers, CleanFrame, clean_frames, degraded, measure
 from models.training.camera_card import write_card
-from models.training.camera_frames import Samples, make_samples
+from models.training.camera_frames import Clean, Samples, make_samples
+from models.training.camera_simulated import simulated_frames
 
 try:
     import torch
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
 Report = Callable[[dict[str, object]], None]
 
-_HIDDEN = 128
+_HIDDEN = 192
 _BATCH = 256
 _PEAK_RATE = 3e-3
 _WEIGHT_DECAY = 2e-2
@@ -44,8 +45,10 @@ _RANKED_WEIGHT = 2.0
 _KIND_WEIGHT = 0.5
 _STANDARD_DEVIATIONS = 5.0
 
-_PASSES = 30
+_PASSES = 12
 _EPOCHS = 40
+_WORLDS = 20
+_FRAMES_A_WORLD = 6
 _DRAWS = 8
 _QUICK_FRAMES = 12
 
@@ -122,7 +125,9 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
             split: frames[:: max(1, len(frames) // _QUICK_FRAMES)]
             for split, frames in splits.items()
         }
-    samples = make_samples(splits["train"], passes=1 if quick else _PASSES, seed=seed)
+    simulated = simulated_frames(1, 2) if quick else simulated_frames(_WORLDS, _FRAMES_A_WORLD)
+    frames: list[Clean] = [*splits["train"], *simulated]
+    samples = make_samples(frames, passes=1 if quick else _PASSES, seed=seed)
     torch.manual_seed(seed)
     torch.set_num_threads(1)
     network = _fit(samples, _EPOCHS, report)
@@ -145,6 +150,7 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
         output.with_suffix(".md"),
         splits=splits,
         answers=answers,
+        simulated=len(simulated),
         samples=len(samples.levels),
         parameters=parameters,
         seed=seed,

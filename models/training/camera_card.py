@@ -24,14 +24,16 @@ the kind (clean, blur, over, under, noise).
 ## Trained on
 
 Clean frames, varied (crop, shrinking, gamma, sharpening, sensor noise up to 2.5 counts, JPEG,
-H.264), then degraded by `models.degrade.camera`, fast and exact variants in equal shares; two
-percent of them are frames of one colour, which hold no evidence.
-
-**Some of this data is licensed for research or non-commercial use only. Whether weights trained on
-it inherit those terms is not settled: for commercial use, train on data of your own.**
-
+H.264), then degraded by `models.degrade.camera` (blur: fast and exact method in equal shares); two
+percent of them are replaced by frames of one colour, which hold no evidence.
+{terms}
 | source | licence | frames |
 |---|---|---|
+"""
+
+_RESTRICTED = """
+**{count} of these frames are licensed for research or non-commercial use only. Whether weights
+trained on them inherit those terms is not settled: for commercial use, train on data of your own.**
 """
 
 _MEASURED = """
@@ -57,6 +59,7 @@ def write_card(
     *,
     splits: Mapping[str, list[CleanFrame]],
     answers: Mapping[str, Answers],
+    simulated: int,
     samples: int,
     parameters: int,
     seed: int,
@@ -71,13 +74,18 @@ def write_card(
         Frames by split; ``train`` are those that it learnt from.
     answers:
         What it answered to the other splits, by split.
+    simulated:
+        Frames of the simulated world that it learnt from as well.
     samples, parameters, seed:
         Of the training.
     """
-    text = _HEAD.format(parameters=parameters, samples=samples, seed=seed)
+    restricted = sum(frame.restricted for frame in splits["train"])
+    terms = _RESTRICTED.format(count=restricted) if restricted else ""
+    text = _HEAD.format(parameters=parameters, samples=samples, seed=seed, terms=terms)
     sources = Counter((frame.source, frame.licence) for frame in splits["train"])
     for (source, licence), count in sorted(sources.items()):
         text += f"| {source} | {licence} | {count} |\n"
+    text += f"| murk's simulated world | Apache-2.0 | {simulated} |\n"
     text += _MEASURED
     for split, answer in answers.items():
         text += f"\n**{split}**, all frames\n\n{_table(answer)}"

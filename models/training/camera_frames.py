@@ -9,19 +9,21 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from typing import Protocol
 
 import av
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.images import read_image
 from models.degrade.camera import KINDS, Method, apply, draw
 from models.degrade.draw import DrawKey
 from models.estimate.image_features import image_features
 from models.estimate.level import CAMERA_KINDS, LEVELS
-from models.evaluate.camera import CleanFrame
 
 Image = NDArray[np.uint8]
 
@@ -49,22 +51,54 @@ class Samples:
     kinds: NDArray[np.int64]
 
 
-def make_samples(frames: Sequence[CleanFrame], passes: int, seed: int) -> Samples:
-    """Return ``DEGRADED_PER_FRAME`` samples of every frame in every pass, each varied anew."""
+class Clean(Protocol):
+    """A frame without degradation: real, or simulated."""
+
+    @property
+    def name(self) -> str:
+        """What tells it from other frames."""
+        ...
+
+    def read(self) -> Image:
+        """Return the image."""
+        ...
+
+    def read_repaired(self) -> Image | None:
+        """Return the mask of pixels that somebody painted over, or None."""
+        ...
+
+
+def make_samples(frames: Sequence[Clean], passes: int, seed: int) -> Samples:
+    """Return ``DEGRADED_PER_FRAME`` samples of every frame in every pass, each varied anew.
+
+    They depend on the arguments only, not on the number of processors that share the passes.
+    """
+    one_pass = partial(_make_pass, frames, seed)
+    if passes == 1:
+        return one_pass(0)
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        parts = list(pool.map(one_pass, range(passes)))
+    return Samples(
+        np.concatenate([part.features for part in parts]),
+        np.concatenate([part.levels for part in parts]),
+        np.concatenate([part.kinds for part in parts]),
+    )
+
+
+def _make_pass(frames: Sequence[Clean], seed: int, turn: int) -> Samples:
+    cv2.setNumThreads(1)
     features, levels, kinds = [], [], []
-    for turn in range(passes):
-        for frame in frames:
-            key = DrawKey(seed, frame.path.name, turn)
-            rng = key.generator("variation")
-            if rng.random() < _SHARE_WITHOUT_EVIDENCE:
-                clean = _without_evidence(rng)
-            else:
-                clean = vary(frame.read(), read_image(frame.mask), rng)
-            for _ in range(DEGRADED_PER_FRAME):
-                kind, level = _draw_kind_and_level(rng)
-                features.append(image_features(_degrade(clean, kind, level, rng)))
-                levels.append(level)
-                kinds.append(CAMERA_KINDS.index(kind) if level else 0)
+    for frame in frames:
+        rng = DrawKey(seed, frame.name, turn).generator("variation")
+        if rng.random() < _SHARE_WITHOUT_EVIDENCE:
+            clean = _without_evidence(rng)
+        else:
+            clean = vary(frame.read(), frame.read_repaired(), rng)
+        for _ in range(DEGRADED_PER_FRAME):
+            kind, level = _draw_kind_and_level(rng)
+            features.append(image_features(_degrade(clean, kind, level, rng)))
+            levels.append(level)
+            kinds.append(CAMERA_KINDS.index(kind) if level else 0)
     return Samples(np.array(features), np.array(levels, np.float32), np.array(kinds))
 
 
@@ -106,7 +140,7 @@ def vary(image: Image, repaired: Image | None, rng: np.random.Generator) -> Imag
     if codec < 0.35:
         image = _jpeg(image, int(rng.integers(50, 97)))
     elif codec < 0.65:
-        image = h264(image, int(rng.integers(16, 31)))
+        image = h264(image, int(rng.integers(16, 35)))
     return image
 
 
@@ -156,19 +190,21 @@ def _jpeg(image: Image, quality: int) -> Image:
 def h264(image: Image, crf: int) -> Image:
     """Return the third frame of an H.264 video in which the picture slides by two pixels a frame.
 
+    Without x264's look-ahead, with which the result is not always the same.
+
     Parameters
     ----------
     crf:
         libx264's constant rate factor; 23 is its default, more is coarser.
     """
-    height, width = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
+    height, width = (length // 2 * 2 for length in image.shape[:2])
     if min(height, width) < 16:
         return image
     file = io.BytesIO()
     with av.open(file, "w", format="matroska") as container:
         stream = container.add_stream("libx264", rate=25)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        stream.options = {"crf": str(crf), "preset": "veryfast", "threads": "1"}
+        stream.options = {"crf": str(crf), "preset": "veryfast", "tune": "zerolatency"}
         for shift in (-4, -2, 0):
             moved = np.ascontiguousarray(np.roll(image, shift, axis=1)[:height, :width])
             container.mux(stream.encode(av.VideoFrame.from_ndarray(moved, format="bgr24")))
