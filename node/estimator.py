@@ -10,16 +10,11 @@ import numpy as np
 
 from drivers.frame import Frame
 from drivers.scan import RadarScan
-from models.estimate.filter import LevelFilter
+from models.estimate.filter import level_filter
 from models.estimate.level import LEVELS, Estimate, NoiseLevel
 from models.estimate.smooth import KindFilter
 from node.scene import SensorType
 
-FILTERS = {
-    "camera": {"drift_per_s": 1.0, "jump_per_s": 0.3},
-    "radar": {"drift_per_s": 0.2, "jump_per_s": 0.1, "correlation_s": 0.05},
-}
-"""Arguments of ``LevelFilter`` by sensor type: least mean error over the demo's schedule."""
 KIND_TIME_CONSTANT_S = 0.3
 
 
@@ -61,7 +56,7 @@ class Estimator:
 
     def __init__(self, sensor_type: SensorType) -> None:
         self._network = load_network(sensor_type)
-        self._levels = LevelFilter(**FILTERS[sensor_type])
+        self._levels = level_filter(sensor_type)
         self._kinds = KindFilter(KIND_TIME_CONSTANT_S)
 
     def estimate(

@@ -16,6 +16,7 @@ BENCHES = {
     "bus": ("node.bench.bus", "node.bench.gateway"),
     "decode": ("node.bench.decode", "node.bench.run"),
     "degrade": ("models.evaluate.degrade",),
+    "estimate": ("models.evaluate.estimate",),
     "stability": ("models.evaluate.stability",),
 }
 """Modules of each benchmark; each has ``run(quick) -> Iterator[Point | Goal]``."""
