@@ -22,7 +22,8 @@ from dbc.errors import MurkError, VideoError
 PIPE_PREFIX = "pipe:"
 LAST_FRAME_S = 1.0
 """How long the frame in hand may still take once the sink is to stop."""
-_WAIT_S = 0.05
+WAIT_S = 0.05
+"""How long a wait for the other side lasts before it looks whether the sink is to stop."""
 
 
 class SinkGone(MurkError):  # noqa: N818  (nobody's mistake)
@@ -203,7 +204,7 @@ class PipeSink(FrameSink):
             except OSError as error:
                 if error.errno != errno.ENXIO:
                     raise VideoError(path, f"cannot be written ({error.strerror})") from None
-            if self._stop.wait(_WAIT_S):
+            if self._stop.wait(WAIT_S):
                 return None
 
 
@@ -226,4 +227,4 @@ def write_all(descriptor: int, data: memoryview, stop: Event) -> None:
                 give_up_s = give_up_s or time.monotonic() + LAST_FRAME_S
                 if time.monotonic() > give_up_s:
                     raise TimeoutError from None
-            select.select([], [descriptor], [], _WAIT_S)
+            select.select([], [descriptor], [], WAIT_S)

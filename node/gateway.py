@@ -47,6 +47,8 @@ class Gateway:
         A CAN bus; or for a camera, what ``drivers.frame_sink.open_frame_sink`` takes.
     both_ways:
         CAN only: also send what comes from the output to the input, untouched.
+    low_latency:
+        CAN only: send each cluster when it comes; see ``node.gateway_can.CanGateway``.
     control:
         Listen to ``murk gateway set``.
 
@@ -62,6 +64,7 @@ class Gateway:
         target: str,
         *,
         both_ways: bool = False,
+        low_latency: bool = False,
         control: bool = True,
     ) -> None:
         self._scene = scene
@@ -70,9 +73,25 @@ class Gateway:
         self._ended = Event()
         self._error: BaseException | None = None
         self._levels = GatewayLevels(scene.sensor, scene.injections, scene.faults, scene.seed)
-        if both_ways and scene.sensor.type == "camera":
-            raise InputError("--both-ways", "is for CAN", "a camera listens to nothing")
-        self._link = _open_link(scene, self._levels, target, self._stop, both_ways=both_ways)
+        self._link: CanLink | VideoLink
+        if scene.sensor.type == "radar":
+            from node.gateway_bus import CanLink
+
+            self._link = CanLink(
+                scene,
+                self._levels,
+                target,
+                self._stop,
+                both_ways=both_ways,
+                low_latency=low_latency,
+            )
+        else:
+            from node.gateway_video import VideoLink
+
+            for flag, given in (("--both-ways", both_ways), ("--low-latency", low_latency)):
+                if given:
+                    raise InputError(flag, "is for CAN", "leave it out for a camera")
+            self._link = VideoLink(scene, self._levels, target, self._stop)
         self._control: ControlServer | None = None
         if control:
             try:
@@ -146,15 +165,3 @@ class Gateway:
             self._error = error
         finally:
             self._ended.set()
-
-
-def _open_link(
-    scene: GatewayScene, levels: GatewayLevels, target: str, stop: Event, *, both_ways: bool
-) -> CanLink | VideoLink:
-    if scene.sensor.type == "camera":
-        from node.gateway_video import VideoLink
-
-        return VideoLink(scene, levels, target, stop)
-    from node.gateway_bus import CanLink
-
-    return CanLink(scene, levels, target, stop, both_ways=both_ways)

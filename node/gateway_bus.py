@@ -109,6 +109,8 @@ class CanLink:
         Ends the run.
     both_ways:
         Also send what comes from the target to the source, untouched.
+    low_latency:
+        Send each cluster when it comes; see ``CanGateway``.
 
     Raises
     ------
@@ -126,11 +128,12 @@ class CanLink:
         stop: Event,
         *,
         both_ways: bool,
+        low_latency: bool = False,
     ) -> None:
         source = scene.sensor.source
         if source == target:
             raise InputError(target, "is input and output", "give two buses")
-        self._core = CanGateway(scene.sensor, levels, scene.seed)
+        self._core = CanGateway(scene.sensor, levels, scene.seed, low_latency=low_latency)
         self._duration_s = scene.duration_s
         self._both_ways = both_ways
         self._stop = stop

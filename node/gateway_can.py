@@ -14,9 +14,12 @@ from drivers.ars408_layout import CAN_ID, ID_SHIFT, Kind, shortest_payload
 from drivers.can_frames import CanFrames, FrameFlag, concatenate
 from drivers.encode import encode_scan
 from drivers.scan import RadarScan
+from models.degrade import radar
+from models.degrade.draw import DrawKey
 from models.sensor import ARS408
 from node.gateway_frames import Outbox, TimedFrames
 from node.gateway_levels import GatewayLevels
+from node.gateway_stream import ScanStream
 from node.link_faults import FULL_LOAD_SPACING_NS, LinkFaults
 from node.scene import Sensor
 
@@ -26,7 +29,8 @@ _STATUS, _GENERAL, _QUALITY = map(int, _LISTS)
 _NOT_PLAIN = int(FrameFlag.EXTENDED | FrameFlag.REMOTE | FrameFlag.ERROR | FrameFlag.FD)
 
 LONGEST_SCAN_NS = 2 * round(ARS408.cycle_s * 1e9)
-"""What a scan still lacks after two cycles does not come any more."""
+"""When nothing of a scan has come for two cycles, what it lacks does not come any more."""
+MOST_FRAMES = 4096
 CATCH_UP_SPACING_NS = FULL_LOAD_SPACING_NS // 2
 """From frame to frame at least, where a scan has to wait for the end of the one before it."""
 QUALITY_WAIT_NS = 20_000_000
@@ -46,34 +50,47 @@ class _Scan:
         When its status frame came.
     announced:
         How many clusters that announces.
-    held:
-        Whether it is kept back to be changed; otherwise it passes as over a wire.
 
     Attributes
     ----------
+    held:
+        Whether it is kept back to be changed.
+    stream:
+        Changes it cluster by cluster; where it is None and the scan is not held, that passes as
+        over a wire.
     over:
         Whether nothing more is expected of it; what comes to a held one nevertheless is too late.
-    frames:
-        What has come of a held one.
+    frames, count:
+        What has come of it, and how many frames that are.
     """
 
-    def __init__(self, number: int, begun_ns: int, announced: int, *, held: bool) -> None:
+    def __init__(self, number: int, begun_ns: int, announced: int) -> None:
         self.number = number
         self.begun_ns = begun_ns
-        self.held = held
+        self.held = False
+        self.stream: ScanStream | None = None
         self.over = False
         self.frames: list[CanFrames] = []
+        self.count = 0
         self._announced = announced
         self._came = np.zeros((len(Kind), 256), np.bool_)
+        self._last_ns = begun_ns
         self._listed_ns: int | None = None
 
     def add(self, frames: CanFrames, kinds: Kinds, now_ns: int) -> None:
         """Take in frames of this scan."""
+        self._last_ns = now_ns
         self._came[kinds, frames.data[:, 0]] = True
-        if self.held:
+        self.count += len(frames)
+        if not self.is_overfull:
             self.frames.append(frames)
         if self._listed_ns is None and self._count(_GENERAL) >= self._announced:
             self._listed_ns = now_ns
+
+    @property
+    def is_overfull(self) -> bool:
+        """Whether more frames have come than any scan has: it is none."""
+        return self.count > MOST_FRAMES
 
     @property
     def has_quality(self) -> bool | None:
@@ -92,7 +109,7 @@ class _Scan:
         """Return when to wait no longer; ``quality`` says whether quality frames are expected."""
         if quality is None and self._listed_ns is not None and not self.has_quality:
             return self._listed_ns + QUALITY_WAIT_NS
-        return self.begun_ns + LONGEST_SCAN_NS
+        return self._last_ns + LONGEST_SCAN_NS
 
     def _count(self, kind: int) -> int:
         return int(np.count_nonzero(self._came[kind]))
@@ -107,6 +124,10 @@ class CanGateway:
     they came: it leaves as much later as it took to come, which is less than a cycle. A scan that
     stays incomplete is sent as it came. A change of levels takes effect with the next scan.
 
+    With low latency each cluster is changed and sent when it comes, by what the scan before taught
+    (see ``node.gateway_stream``). A scan is stored nevertheless where there is no scan before it,
+    or where a fault or a kind is in force that needs all of it.
+
     Parameters
     ----------
     sensor:
@@ -115,6 +136,8 @@ class CanGateway:
         What is in force when.
     seed:
         The run's seed.
+    low_latency:
+        Whether to send each cluster when it comes.
 
     Attributes
     ----------
@@ -126,11 +149,16 @@ class CanGateway:
         The link's faults, with their counts.
     """
 
-    def __init__(self, sensor: Sensor, levels: GatewayLevels, seed: int) -> None:
+    def __init__(
+        self, sensor: Sensor, levels: GatewayLevels, seed: int, *, low_latency: bool = False
+    ) -> None:
         self.counts: Counter[str] = Counter()
         self.faults = LinkFaults(sensor.name, seed)
         self._sensor = sensor
         self._levels = levels
+        self._seed = seed
+        self._low_latency = low_latency
+        self._before: RadarScan | None = None
         self._kind_of_id = np.zeros(0x800, np.uint8)
         for kind in _LISTS:
             self._kind_of_id[CAN_ID[kind] + ID_SHIFT * sensor.sensor_id] = kind
@@ -188,26 +216,43 @@ class CanGateway:
             self._end(self._scan, now_ns)
         if self._first_ns is None:
             self._first_ns = now_ns
-        held = self._finishing or self._levels.any_at(self._since_first_s(now_ns))
-        announced = int(status[0]) + int(status[1])
-        self._scan = _Scan(self.counts["scans"], now_ns, announced, held=held)
-        self._scan.over = self._finishing
+        t_s = self._since_first_s(now_ns)
+        scan = _Scan(self.counts["scans"], now_ns, int(status[0]) + int(status[1]))
+        scan.over = self._finishing
+        scan.stream = self._stream(status, scan.number, t_s)
+        scan.held = self._finishing or (scan.stream is None and self._levels.any_at(t_s))
+        self._scan = scan
         self.counts["scans"] += 1
-        if not held:
+        if not scan.held:
             self.faults.clear()
             self._silent_until_ns = 0
+
+    def _stream(self, status: NDArray[np.uint8], number: int, t_s: float) -> ScanStream | None:
+        """Return what changes a scan while it comes; None where it is to be stored or to pass."""
+        if not self._low_latency or self._finishing or self._before is None:
+            return None
+        levels = self._levels.injector.levels_at(t_s)
+        if not levels or self._levels.rates_at(t_s) or not set(levels) <= set(radar.KINDS):
+            return None
+        key = DrawKey(self._seed, self._sensor.name, number)
+        drawn = [radar.draw(kind, level, key) for kind, level in levels.items()]
+        self.counts["degraded"] += 1
+        return ScanStream(status, self._before, drawn)
 
     def _go_on(self, frames: CanFrames, kinds: Kinds, now_ns: int) -> None:
         """Take in frames up to the next status frame."""
         scan, own = self._scan, kinds > 0
-        if scan is None or not scan.held:
+        passes = scan is None or not (scan.held or scan.stream)
+        if passes:
             self._forward(frames, own, now_ns)
         if not own.all():
-            if scan is not None and scan.held:
+            if not passes:
                 self._pass(frames.select(~own), now_ns)
             frames, kinds = frames.select(own), kinds[own]
         if scan is None or not len(frames):
             return
+        if scan.stream is not None:
+            self._send_next(scan.stream.feed(frames, kinds), now_ns)
         if not scan.over:
             scan.add(frames, kinds, now_ns)
             if scan.held or self._finishing:
@@ -228,13 +273,19 @@ class CanGateway:
             self._pass(frames, now_ns)
         else:
             self._pass(frames.select(~own), now_ns)
-            radar = frames.select(own)
-            self._outbox.put(self._behind(TimedFrames(radar, np.full(len(radar), now_ns))))
+            self._send_next(frames.select(own), now_ns)
+
+    def _send_next(self, frames: CanFrames, now_ns: int) -> None:
+        """Send frames of the radar at once, but behind those that still wait."""
+        if len(frames):
+            self._outbox.put(self._behind(TimedFrames(frames, np.full(len(frames), now_ns))))
 
     def _behind(self, timed: TimedFrames) -> TimedFrames:
         """Return the radar's frames no earlier than those that still wait let them."""
-        steps = np.arange(1, len(timed) + 1) * CATCH_UP_SPACING_NS
-        due_ns = np.maximum(timed.due_ns, self._last_due_ns + steps)
+        due_ns = timed.due_ns
+        if self._last_due_ns > due_ns[0]:
+            steps = np.arange(1, len(timed) + 1) * CATCH_UP_SPACING_NS
+            due_ns = np.maximum(due_ns, self._last_due_ns + steps)
         self._last_due_ns = int(due_ns[-1])
         return TimedFrames(timed.frames, due_ns)
 
@@ -245,7 +296,7 @@ class CanGateway:
         return scan.expires_ns(quality=self._quality)
 
     def _end_if_whole(self, scan: _Scan, now_ns: int) -> None:
-        if scan.is_whole(quality=self._quality is not False):
+        if scan.is_overfull or scan.is_whole(quality=self._quality is not False):
             self._end(scan, now_ns)
 
     def _end(self, scan: _Scan, now_ns: int) -> None:
@@ -253,6 +304,8 @@ class CanGateway:
         scan.over = True
         if scan.has_quality is not None:
             self._quality = scan.has_quality
+        if self._low_latency:
+            self._before = self._decoded(scan)
         if not scan.held:
             return
         t_s = self._since_first_s(scan.begun_ns)
@@ -269,13 +322,10 @@ class CanGateway:
     def _changed(self, scan: _Scan, t_s: float) -> tuple[CanFrames, CanFrames]:
         """Return what came of a scan, and what is to be sent instead."""
         came = concatenate(scan.frames)
-        decoded = None
-        if scan.is_whole(quality=scan.has_quality is True):
-            decoded = self._decoded(came)
-        if decoded is None or decoded.frames_lost:
+        decoded = self._decoded(scan)
+        if decoded is None:
             self.counts["incomplete"] += 1
             return came, came
-        decoded = replace(decoded, sequence=scan.number)
         degraded, injected = self._levels.injector.inject(decoded, t_s)
         if not injected:
             return came, came
@@ -284,10 +334,14 @@ class CanGateway:
         frames.data[0, 2:5] = came.data[0, 2:5]  # counter and interface version
         return came, frames
 
-    def _decoded(self, frames: CanFrames) -> RadarScan:
+    def _decoded(self, scan: _Scan) -> RadarScan | None:
+        """Return a scan as clusters; None where it is incomplete."""
+        if scan.is_overfull or not scan.is_whole(quality=scan.has_quality is True):
+            return None
         assembler = ScanAssembler({self._sensor.sensor_id: self._sensor.name})
-        messages = [*assembler.feed(frames), *assembler.flush()]
-        return next(message for message in messages if isinstance(message, RadarScan))
+        items = [*assembler.feed(concatenate(scan.frames)), *assembler.flush()]
+        decoded = next(item for item in items if isinstance(item, RadarScan))
+        return None if decoded.frames_lost else replace(decoded, sequence=scan.number)
 
     def _since_first_s(self, now_ns: int) -> float:
         return 0.0 if self._first_ns is None else (now_ns - self._first_ns) * 1e-9

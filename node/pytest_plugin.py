@@ -44,6 +44,7 @@ class OpenGateway(Protocol):
         sensor_id: int | None = None,
         seed: int | None = None,
         both_ways: bool = False,
+        low_latency: bool = False,
     ) -> Gateway:
         """Start a gateway; arguments as of ``murk gateway``."""
 
@@ -83,6 +84,7 @@ def murk_gateway() -> Iterator[OpenGateway]:
             sensor_id: int | None = None,
             seed: int | None = None,
             both_ways: bool = False,
+            low_latency: bool = False,
         ) -> Gateway:
             from node.gateway import Gateway, sensor_type_of
             from node.gateway_scene import build_gateway_scene
@@ -97,8 +99,9 @@ def murk_gateway() -> Iterator[OpenGateway]:
                 fault=fault,
                 seed=seed,
             )
-            gateway = Gateway(wanted, target, both_ways=both_ways, control=False)
-            return running.enter_context(gateway)
+            return running.enter_context(
+                Gateway(wanted, target, both_ways=both_ways, low_latency=low_latency, control=False)
+            )
 
         yield open_gateway
 

@@ -28,7 +28,8 @@ FULL_LOAD = round(1e9 / FULL_LOAD_SPACING_NS)
 SLICE_FRAMES = 4
 """Frames sent at once, a millisecond of the full load."""
 LISTEN_S = 0.2
-LEVELS = (0, 60)
+MODES = {"wire": (0, False), "whole scans": (60, False), "low latency": (60, True)}
+"""Level of snr, %, and whether each cluster is sent when it comes."""
 CLUSTER_IDS = (0x600, 0x701, 0x702)
 
 
@@ -48,14 +49,14 @@ def run(quick: bool) -> Iterator[Point | Goal]:
     cycles = (4 if quick else 40) * FULL_LOAD // (CLUSTERS + 1)
     frames = simulated_log(CLUSTERS, quality=False, cycles=cycles)
     unit = f"frames lost ({transport})"
-    for level in LEVELS:
+    for mode, (level, low_latency) in MODES.items():
         with _one_core():
-            passage = _pass(frames, buses, level)
-        knob = f"snr={level}"
-        yield Point("gateway", knob, passage.cpu_us, passage.lost, unit)
-        yield Point("added latency, p50", knob, passage.p50_us, passage.lost, unit)
-        yield Point("added latency, p99", knob, passage.p99_us, passage.lost, unit)
-        load = f"of {FULL_LOAD} frames/s through the gateway at snr {level} ({transport})"
+            passage = _pass(frames, buses, level, low_latency)
+        knob = f"{mode}, snr={level}"
+        yield Point("gateway, CPU", knob, passage.cpu_us, passage.lost, unit)
+        yield Point("gateway, added latency p50", knob, passage.p50_us, passage.lost, unit)
+        yield Point("gateway, added latency p99", knob, passage.p99_us, passage.lost, unit)
+        load = f"of {FULL_LOAD} frames/s through the gateway, {mode} ({transport})"
         yield Goal(f"frames lost {load}", passage.lost, 0, at_least=False)
         share = passage.cpu_us * 1e-6 * FULL_LOAD
         yield Goal(f"share of a core {load}", share, 1.0, at_least=False)
@@ -72,12 +73,12 @@ def _one_core() -> Iterator[None]:
         os.sched_setaffinity(0, cores)
 
 
-def _pass(frames: CanFrames, buses: tuple[str, str], level: float) -> Passage:
+def _pass(frames: CanFrames, buses: tuple[str, str], level: float, low_latency: bool) -> Passage:
     """Send frames at the full load through a gateway, and hear what comes out."""
     scene = build_gateway_scene(None, "radar", buses[0], inject=[f"radar:snr:{level}"])
     levels = GatewayLevels(scene.sensor, scene.injections, scene.faults, scene.seed)
     stop, ended = Event(), Event()
-    link = CanLink(scene, levels, buses[1], stop, both_ways=False)
+    link = CanLink(scene, levels, buses[1], stop, both_ways=False, low_latency=low_latency)
     cpu_s: list[float] = []
     heard: list[CanFrames] = []
 

@@ -46,6 +46,10 @@ def gateway(
         bool,
         typer.Option("--both-ways", help="Also pass what OUT sends (CAN) to IN, untouched."),
     ] = False,
+    low_latency: Annotated[
+        bool,
+        typer.Option("--low-latency", help="Send each cluster (CAN) when it comes."),
+    ] = False,
     seed: SeedFlag = None,
     duration: Annotated[
         float | None, typer.Option("--duration", metavar="S", help="Stop after S seconds.")
@@ -74,6 +78,7 @@ def gateway(
     running = _open(
         arguments,
         both_ways=both_ways,
+        low_latency=low_latency,
         json=json,
         name=sensor,
         sensor_id=sensor_id,
@@ -98,7 +103,9 @@ def _set(arguments: list[str]) -> None:
     set_level(sensor, kind, level)
 
 
-def _open(arguments: list[str], *, both_ways: bool, json: bool, **flags: Any) -> Gateway:
+def _open(
+    arguments: list[str], *, both_ways: bool, low_latency: bool, json: bool, **flags: Any
+) -> Gateway:
     from dbc.errors import InputError
     from node.gateway import Gateway, sensor_type_of
     from node.gateway_scene import build_gateway_scene
@@ -110,7 +117,7 @@ def _open(arguments: list[str], *, both_ways: bool, json: bool, **flags: Any) ->
         raise InputError("--json", "standard output carries the frames", "give pipe:PATH as OUT")
     scene_file = Path(rest[0]) if rest else None
     scene = build_gateway_scene(scene_file, sensor_type_of(target), source, **flags)
-    return Gateway(scene, target, both_ways=both_ways)
+    return Gateway(scene, target, both_ways=both_ways, low_latency=low_latency)
 
 
 def _execute(gateway: Gateway, *, to_stdout: bool, json: bool) -> None:

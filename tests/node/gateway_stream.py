@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from tests.models.degrade_scans import QUALITY, make_scan
 
 CYCLE_NS = 72_000_000
 SPACING_NS = 250_000
+PAUSE_NS = 5_000_000
+"""A reader that waits longer than this gets what has come until then."""
 RADAR = Sensor(name="radar", type="radar", source="virtual:in")
 EPOCH_NS = 1_700_000_000_000_000_000
 """Stamps are wall time, the gateway's clock is not."""
@@ -91,6 +94,8 @@ class Clock:
     ----------
     sent:
         What was sent, a batch each, and when.
+    fed_ns:
+        When each frame was fed.
     now_ns:
         Time of the gateway's clock.
     """
@@ -98,14 +103,18 @@ class Clock:
     def __init__(self, gateway: CanGateway) -> None:
         self.gateway = gateway
         self.sent: list[tuple[int, CanFrames]] = []
+        self.fed_ns: list[int] = []
         self.now_ns = 0
 
     def play(self, frames: CanFrames, batch: int = 1) -> Clock:
-        """Feed frames in batches, each when its last frame has come."""
-        for first in range(0, len(frames), batch):
-            part = frames.select(slice(first, first + batch))
+        """Feed frames in batches, each when its last frame has come; a pause ends a batch."""
+        pauses = np.flatnonzero(np.diff(frames.stamp_ns) > PAUSE_NS) + 1
+        bounds = sorted({*range(0, len(frames), batch), *pauses.tolist(), len(frames)})
+        for first, last in pairwise(bounds):
+            part = frames.select(slice(first, last))
             self.advance(int(part.stamp_ns[-1]) - EPOCH_NS)
             self.gateway.feed(part, self.now_ns)
+            self.fed_ns += [self.now_ns] * len(part)
             self._send()
         return self
 
