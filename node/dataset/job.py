@@ -125,7 +125,7 @@ def run_job(job: Job) -> Done:
 
 def _into_place(target: Path, write: Callable[[Path], Any], output: Path) -> Any:
     """Let ``write`` make a file elsewhere in the same file system, then give it its name."""
-    unfinished = output / STATE / "unfinished" / f"{uuid4().hex}-{target.name}"
+    unfinished = output / STATE / "unfinished" / f"{uuid4().hex}{target.suffix}"
     unfinished.parent.mkdir(parents=True, exist_ok=True)
     target.parent.mkdir(parents=True, exist_ok=True)
     try:

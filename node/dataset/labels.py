@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from dbc.errors import InputError
 from node.dataset.job import STATE, Job
 from node.dataset.plan import Plan
 
@@ -21,24 +22,40 @@ def write_labels(plan: Plan) -> tuple[Path, Path]:
     Returns
     -------
     ``labels.csv`` and ``labels.jsonl`` of the output.
+
+    Raises
+    ------
+    InputError
+        If they cannot be written.
     """
     lines, table = plan.output / "labels.jsonl", plan.output / "labels.csv"
     unfinished = plan.output / STATE / "unfinished"
-    shutil.rmtree(unfinished, ignore_errors=True)
-    unfinished.mkdir()
-    with (unfinished / lines.name).open("w", encoding="utf-8") as file:
-        file.writelines(_rows(plan.jobs))
-    with (unfinished / table.name).open("w", encoding="utf-8", newline="") as file:
+    try:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        unfinished.mkdir()
+        _write_lines(plan.jobs, unfinished / lines.name)
+        _write_table(plan.jobs, unfinished / table.name)
+        for path in (table, lines):
+            (unfinished / path.name).replace(path)
+        unfinished.rmdir()
+    except OSError as error:
+        raise InputError(plan.output, str(error.strerror).lower(), "give it again") from None
+    return table, lines
+
+
+def _write_lines(jobs: list[Job], path: Path) -> None:
+    with path.open("w", encoding="utf-8") as file:
+        file.writelines(_rows(jobs))
+
+
+def _write_table(jobs: list[Job], path: Path) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        for row in _rows(plan.jobs):
+        for row in _rows(jobs):
             label = json.loads(row)
             label["drawn"] = json.dumps(label["drawn"])
             writer.writerow([label[column] for column in COLUMNS])
-    for path in (table, lines):
-        (unfinished / path.name).replace(path)
-    unfinished.rmdir()
-    return table, lines
 
 
 def _rows(jobs: list[Job]) -> Iterator[str]:

@@ -126,7 +126,7 @@ def _check_places(source: Path, output: Path, jobs: list[Job]) -> None:
     """Refuse an output that would touch its input, and two files that would become one."""
     if output == source or source in output.parents:
         raise InputError(output, "lies in the input", "choose a folder outside it")
-    originals = {job.source.path for job in jobs}
+    originals = {path.resolve() for path in {job.source.path for job in jobs}}
     taken = set()
     for job in jobs:
         target = (output / job.target).resolve()

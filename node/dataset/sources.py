@@ -58,7 +58,7 @@ def find_sources(path: Path) -> tuple[list[Source], int]:
     Returns
     -------
     list of Source
-        Sorted by path.
+        Sorted by path. Links to folders are not followed.
     int
         How many other files the folder holds.
 
@@ -67,7 +67,7 @@ def find_sources(path: Path) -> tuple[list[Source], int]:
     InputError
         If the path cannot be read or holds nothing that is understood.
     """
-    path = path.resolve()
+    path = path.absolute()
     if not path.exists():
         raise InputError(path, "no such file or folder", f"expected {_UNDERSTOOD}")
     if not path.is_dir():
@@ -100,9 +100,17 @@ def _walk(folder: Path) -> list[str]:
             folders[:] = [name for name in folders if not name.startswith(".")]
             for name in files:
                 if not name.startswith("."):
-                    yield (Path(place) / name).relative_to(folder).as_posix()
+                    yield _checked((Path(place) / name).relative_to(folder).as_posix())
 
     return sorted(visible())
+
+
+def _checked(name: str) -> str:
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise InputError(ascii(name), "the name is not UTF-8", "rename it") from None
+    return name
 
 
 def _refuse(error: OSError) -> None:

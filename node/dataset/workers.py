@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
 from collections.abc import Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from importlib import import_module
@@ -16,7 +17,7 @@ from typing import Any
 from dbc.errors import InputError, MissingExtra, MurkError
 from node.dataset.job import Done, Job, run_job
 
-CONNECT_S = 5
+CONNECT_S = 10
 """How long to wait for a cluster."""
 
 
@@ -73,17 +74,24 @@ def dask_workers(address: str) -> Iterator[Executor]:
         If Dask is not installed.
     InputError
         If no scheduler answers there.
+    MurkError
+        If the scheduler goes away, or a job kills one worker after another.
     """
     try:
         distributed: Any = import_module("distributed")
     except ImportError as error:
         raise MissingExtra("scale", "--scheduler") from error
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what goes wrong is raised
     try:
         client = distributed.Client(address, timeout=CONNECT_S)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(address, "no Dask scheduler answers", "tcp://HOST:PORT") from error
     try:
         yield client.get_executor(pure=False)
+    except (distributed.KilledWorker, CancelledError):
+        what = f"{address}: the cluster was lost; give the command again to go on"
+        raise MurkError(what) from None
     finally:
         client.close()
 

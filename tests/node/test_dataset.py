@@ -30,6 +30,7 @@ from models.degrade.draw import DrawKey
 from models.world.camera import WorldCamera
 from models.world.radar import WorldRadar
 from models.world.road import World
+from node.dataset import workers
 from node.dataset.job import run_job
 from node.dataset.labels import write_labels
 from node.dataset.plan import ALL_LEVELS, Plan, begin, make_plan
@@ -119,6 +120,12 @@ def test_in_nuscenes_a_folder_is_a_sensor_and_lidar_is_passed_over(tmp_path: Pat
         ("samples/RADAR_FRONT/a.pcd", "samples/RADAR_FRONT", 0),
         ("sweeps/RADAR_FRONT/c.pcd", "sweeps/RADAR_FRONT", 0),
     ]
+
+
+def test_a_name_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff.jpg")).touch()
+    with pytest.raises(InputError, match="not UTF-8"):
+        find_sources(tmp_path)
 
 
 def test_all_kinds_and_levels_of_the_sensors_that_are_there(small: Path, tmp_path: Path) -> None:
@@ -434,10 +441,8 @@ def test_a_log_needs_no_video_library(small: Path, tmp_path: Path) -> None:
 
 
 def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    from node.dataset.workers import dask_workers
-
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(MissingExtra, match="scale"), dask_workers("tcp://127.0.0.1:1"):
+    with pytest.raises(MissingExtra, match="scale"), workers.dask_workers("tcp://127.0.0.1:1"):
         pass
 
 
@@ -490,7 +495,9 @@ def test_a_cluster_that_loses_a_worker_gives_the_same(tmp_path: Path) -> None:
     assert tree(tmp_path / "far") == tree(near.output)
 
 
-def test_no_scheduler_is_one_line(small: Path, tmp_path: Path) -> None:
+def test_no_scheduler_is_an_input_error(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="needs the extra scale")
-    flags = ("--kind=blur", "--level=3", "--scheduler", "tcp://127.0.0.1:1")
-    assert "tcp://127.0.0.1:1: no Dask scheduler" in one_line(murk(small, tmp_path / "out", *flags))
+    monkeypatch.setattr(workers, "CONNECT_S", 0.5)
+    for address in ("tcp://127.0.0.1:1", "nonsense://x"):
+        with pytest.raises(InputError, match=address), workers.dask_workers(address):
+            pass
