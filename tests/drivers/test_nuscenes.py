@@ -61,6 +61,13 @@ def test_the_header_is_the_data_sets() -> None:
     assert POINT.itemsize == 43
 
 
+def test_a_byte_follows_the_points_because_the_data_sets_readers_want_one() -> None:
+    cloud = new_cloud(points(x=[1, 2]))
+    assert len(cloud_bytes(cloud)) > len(cloud.header) + 2 * POINT.itemsize
+    bare = RadarCloud(cloud.points, cloud.header, b"")
+    assert len(cloud_bytes(bare)) > len(cloud.header) + 2 * POINT.itemsize
+
+
 def test_an_empty_cloud_is_one_point_of_nan(tmp_path: Path) -> None:
     path = written(tmp_path, new_cloud(points(x=[1])[:0]))
     assert b"WIDTH 1\n" in path.read_bytes()

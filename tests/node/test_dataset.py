@@ -199,6 +199,32 @@ def test_radar_files_lose_clusters_and_keep_everything_else(small: Path, tmp_pat
     assert 0 < len(cloud) < len(read_cloud(small / "clouds" / "scan0.pcd"))
 
 
+def test_every_kind_can_be_written_and_read_again(small: Path, tmp_path: Path) -> None:
+    source = tmp_path / "in"
+    for name in ("samples/CAM_FRONT", "samples/RADAR_FRONT"):
+        (source / name).mkdir(parents=True)
+    (source / "samples/CAM_FRONT/0.jpg").write_bytes((small / "day" / "1.jpg").read_bytes())
+    for number in range(3):
+        cloud = small / "clouds" / f"scan{number}.pcd"
+        (source / "samples/RADAR_FRONT" / cloud.name).write_bytes(cloud.read_bytes())
+    plan = run_all(make_plan(source, tmp_path / "out", [], [100], 1))
+    labels = [json.loads(line) for line in (plan.output / "labels.jsonl").read_text().splitlines()]
+    assert len(labels) == 16 + 10 * 3
+    for label in labels:
+        assert label["drawn"]["kind"] == label["kind"]
+        path = plan.output / label["file"]
+        if label["sensor"] == "samples/CAM_FRONT":
+            assert cv2.imread(str(path)) is not None
+        else:
+            points = read_cloud(path).points
+            assert len(points) > 0
+            assert all(np.isfinite(points[name]).all() for name in ("x", "vx_comp", "vy_comp"))
+            assert (np.diff(points["id"]) == 1).all()
+    changed = {label["kind"] for label in labels if (plan.output / label["file"]).read_bytes()
+               != (source / label["file"].partition("/")[2]).read_bytes()}  # fmt: skip
+    assert changed == {label["kind"] for label in labels}
+
+
 def test_workers_and_order_change_no_byte(small: Path, tmp_path: Path) -> None:
     arguments: tuple[Any, ...] = (["noise", "rain", "snr"], [30, 100], 3)
     plan = run_all(make_plan(small, tmp_path / "one", *arguments))
