@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 
 from models.estimate.camera import CameraEstimator
-from models.estimate.filter import FloatArray, LevelFilter, level_filter
+from models.estimate.filter import FloatArray, LevelFilter
 from models.estimate.level import LEVELS
 from models.estimate.radar import RadarEstimator
 from models.evaluate import camera, radar
@@ -79,7 +79,7 @@ def _radar(quick: bool) -> Iterator[Point | Goal]:
     one = radar.measure(estimator.estimate, drives, draws=1).figures()
     yield Point("radar network", "one scan", run_time_us, one["mean_error"], UNIT)
     second = radar.measure_together(
-        estimator.estimate, drives, lambda: level_filter("radar"), scans=SECOND, draws=1
+        estimator.estimate, drives, radar.radar_filter, scans=SECOND, draws=1
     ).figures()
     yield Point("radar network", "one second", SECOND * run_time_us, second["mean_error"], UNIT)
     yield Goal("radar, 125 clusters, one thread, ms", run_time_us / 1e3, 0.3, False)

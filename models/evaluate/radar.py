@@ -13,17 +13,12 @@ from dbc.errors import InputError
 from drivers.scan import RadarScan
 from models.degrade.draw import DrawKey
 from models.degrade.radar import apply, draw
-from models.estimate.filter import LevelFilter
+from models.estimate.filter import LevelFilter, level_filter
 from models.estimate.level import LEVELS, RADAR_KINDS, Estimate
 from models.world.radar import WorldRadar
 from models.world.road import World
 
 Estimator = Callable[[RadarScan], Estimate]
-
-DRIFT_PER_S = 0.05
-JUMP_PER_S = 0.05
-CORRELATION_S = 0.1
-"""The filter that the measurements use."""
 
 _COLUMNS = ("x", "y", "vx", "vy", "rcs")
 
@@ -44,9 +39,9 @@ class Drive:
     scans: tuple[RadarScan, ...]
 
 
-def level_filter() -> LevelFilter:
-    """Return a new filter as the measurements use it."""
-    return LevelFilter(DRIFT_PER_S, JUMP_PER_S, CORRELATION_S)
+def radar_filter() -> LevelFilter:
+    """Return a new filter with the rates that murk uses for a radar."""
+    return level_filter("radar")
 
 
 def recorded_drives(data: Path) -> list[Drive]:

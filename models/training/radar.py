@@ -26,9 +26,9 @@ from models.evaluate.radar import (
     Drive,
     Estimator,
     joined,
-    level_filter,
     measure,
     measure_together,
+    radar_filter,
     recorded_drives,
     simulated_drive,
     step_response,
@@ -277,11 +277,11 @@ def _results(
         },
         together=joined(
             [
-                measure_together(one, [drive], level_filter, scans=7, draws=draws, seed=seed)
+                measure_together(one, [drive], radar_filter, scans=7, draws=draws, seed=seed)
                 for one, drive in pairs
             ]
         ),
         simulated=measure(shipped, simulated, draws=1, seed=seed),
-        second=measure_together(shipped, simulated, level_filter, scans=14, draws=1, seed=seed),
-        step=step_response(shipped, stepped, level_filter, level=STEP_LEVEL, seed=seed),
+        second=measure_together(shipped, simulated, radar_filter, scans=14, draws=1, seed=seed),
+        step=step_response(shipped, stepped, radar_filter, level=STEP_LEVEL, seed=seed),
     )

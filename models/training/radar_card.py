@@ -10,14 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.estimate.level import LEVELS, RADAR_KINDS
-from models.evaluate.radar import (
-    CORRELATION_S,
-    DRIFT_PER_S,
-    JUMP_PER_S,
-    Answers,
-    Drive,
-    joined,
-)
+from models.evaluate.radar import Answers, Drive, joined, radar_filter
 
 STEP_LEVEL = 60.0
 """Level of the step whose response is measured, %."""
@@ -126,6 +119,7 @@ def write_card(
     seed: int,
 ) -> None:
     """Write the card of a network from what was measured."""
+    levels = radar_filter()
     text = _HEAD.format(
         temperature=temperature,
         parameters=parameters,
@@ -133,9 +127,9 @@ def write_card(
         seed=seed,
         scans=sum(len(drive.scans) for drive in drives),
         drives=len(drives),
-        drift=DRIFT_PER_S,
-        jump=JUMP_PER_S,
-        correlation=CORRELATION_S,
+        drift=levels.drift_per_s,
+        jump=levels.jump_per_s,
+        correlation=levels.correlation_s,
     )
     single = results.kinds["snr"]
     text += _row("one recorded scan", single)
