@@ -226,7 +226,7 @@ def _decode(
         arrays: dict[str, NDArray[Any]] = {}
         for columns, slices in lists:
             if rows := slices[number]:
-                arrays |= columns.fields(rows)
+                arrays |= {name: column[rows] for name, column in columns.items()}
         yield index, arrays, tuple(slices[number] is not None for _, slices in lists[1:])
 
 

@@ -94,34 +94,16 @@ class ListLayout:
         """Return what a field holds where the frame that carries it was lost."""
         return np.nan if field in self.floats else NO_VALUE.get(field, NO_RMS)
 
-    def decode(self, payloads: NDArray[np.uint8]) -> ListColumns:
-        """Decode payloads (N, 8), a cacheful at a time."""
-        floats = np.empty((len(self.floats), len(payloads)), np.float32)
-        bytes_ = np.empty((len(self.bytes), len(payloads)), np.uint8)
+    def decode(self, payloads: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
+        """Return payloads (N, 8) as the fields of a scan, (N,) each; a cacheful at a time."""
+        fields: dict[str, NDArray[Any]] = {}
+        for names, dtype in ((self.bytes, np.uint8), (self.floats, np.float32)):
+            fields |= {field: np.empty(len(payloads), dtype) for field in names}
         for begin in range(0, len(payloads), _CACHEFUL):
             part = slice(begin, begin + _CACHEFUL)
             columns = self.codec.decode(payloads[part])
-            for row, signal in enumerate(self.floats.values()):
-                floats[row, part] = columns[signal]
-            for row, signal in enumerate(self.bytes.values()):
-                bytes_[row, part] = columns[signal]
-        return ListColumns(self, floats, bytes_)
-
-
-@dataclass(frozen=True, slots=True)
-class ListColumns:
-    """A decoded list: (fields, N) of either type, in the order of its layout."""
-
-    layout: ListLayout
-    floats: NDArray[np.float32]
-    bytes: NDArray[np.uint8]
-
-    def fields(self, rows: slice | NDArray[Any] = slice(None)) -> dict[str, NDArray[Any]]:
-        """Return the fields of a scan that these rows make."""
-        fields: dict[str, NDArray[Any]] = dict(
-            zip(self.layout.bytes, self.bytes[:, rows], strict=True)
-        )
-        fields.update(zip(self.layout.floats, self.floats[:, rows], strict=True))
+            for field, signal in self.fields.items():
+                fields[field][part] = columns[signal]
         return fields
 
 

@@ -254,7 +254,7 @@ class Radar:
         self._open = None
         head = scan.head
         general = scan.lists[head.mode.general.kind]
-        arrays = head.mode.general.decode(_payloads(general)).fields()
+        arrays = head.mode.general.decode(_payloads(general))
         unknown = lost = head.size - len(general)
         for layout in head.mode.optional:
             frames = scan.lists[layout.kind]
@@ -331,7 +331,7 @@ def _joined(
     """
     places = {identifier: place for place, identifier in enumerate(frames)}
     order = np.array([places.get(identifier, -1) for identifier in general], np.intp)
-    fields = layout.decode(_payloads(frames)).fields(order)
+    fields = {name: column[order] for name, column in layout.decode(_payloads(frames)).items()}
     missing = order < 0
     for name, column in fields.items():
         column[missing] = layout.no_value(name)

@@ -26,7 +26,7 @@ def random_scan(
     arrays: dict[str, Any] = {}
     for part, wanted in zip(layout.lists, (True, *lists), strict=False):
         if wanted:
-            arrays |= part.decode(rng.integers(0, 256, (n, 8), dtype=np.uint8)).fields()
+            arrays |= part.decode(rng.integers(0, 256, (n, 8), dtype=np.uint8))
     arrays["id"] = rng.permutation(256)[:n].astype(np.uint8)
     near = n if mode == "object" else int(rng.integers(0, n + 1))
     header: dict[str, Any] = {
