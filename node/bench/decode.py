@@ -45,18 +45,25 @@ UNIT = "largest difference to cantools"
 def run(quick: bool) -> Iterator[Point | Goal]:
     """Measure the codec over batch sizes, and candump logs to scans, against cantools."""
     keep_freed_memory()
-    parsed = cantools.database.load_file(Path(dbc.codec.__file__).with_name("ars408.dbc"))
-    assert isinstance(parsed, ParsedDatabase)
-    yield from _codec(parsed, rounds=5 if quick else 25)
+    parsed = parsed_database()
+    yield from codec_results(parsed, rounds=5 if quick else 25)
     with TemporaryDirectory() as folder:
         log = Path(folder) / "radar.log"
         for clusters, quality in ((250, False), (120, True)):
             frames = simulated_log(clusters, quality, cycles=60 if quick else 300)
             name = f"{clusters} clusters a scan" + (", quality" if quality else "")
-            yield from _log(parsed, log, frames, name, rounds=3 if quick else 7)
+            yield from log_results(parsed, log, frames, name, rounds=3 if quick else 7)
 
 
-def _codec(parsed: ParsedDatabase, rounds: int) -> Iterator[Point | Goal]:
+def parsed_database() -> ParsedDatabase:
+    """Return the radar's database as cantools reads it."""
+    parsed = cantools.database.load_file(Path(dbc.codec.__file__).with_name("ars408.dbc"))
+    assert isinstance(parsed, ParsedDatabase)
+    return parsed
+
+
+def codec_results(parsed: ParsedDatabase, rounds: int) -> Iterator[Point | Goal]:
+    """Measure one message, cantools frame by frame against the codec at every batch size."""
     codec = ars408().message("Cluster_1_General")
     message = parsed.get_message_by_name(codec.name)
     payloads = np.random.default_rng(0).integers(0, 256, (max(BATCHES), 8), dtype=np.uint8)
@@ -79,16 +86,17 @@ def _codec(parsed: ParsedDatabase, rounds: int) -> Iterator[Point | Goal]:
     yield Goal("decode a 250-cluster scan, times cantools per frame", ratio, 50.0)
 
 
-def _log(
+def log_results(
     parsed: ParsedDatabase, log: Path, frames: CanFrames, name: str, rounds: int
 ) -> Iterator[Point | Goal]:
+    """Write frames to a log and measure what it costs to read it back to scans."""
     write_candump(log, [frames])
-    error = _difference(_scans(log), _by_python_can(log, parsed))
+    error = largest_difference(scans_of_log(log), decoded_by_python_can(log, parsed))
     tasks: dict[str, Task] = {
         "python-can reader": partial(_read_by_python_can, log),
-        "python-can reader and cantools": partial(_by_python_can, log, parsed),
+        "python-can reader and cantools": partial(decoded_by_python_can, log, parsed),
         "candump reader": partial(_read, log),
-        "candump log to scans": partial(_scans, log),
+        "candump log to scans": partial(scans_of_log, log),
     }
     times = _interleaved(tasks, rounds)
     for variant in tasks:
@@ -134,7 +142,8 @@ def _read_by_python_can(path: Path) -> list[Message]:
         return list(reader)
 
 
-def _by_python_can(path: Path, parsed: ParsedDatabase) -> list[Any]:
+def decoded_by_python_can(path: Path, parsed: ParsedDatabase) -> list[Any]:
+    """Return the signals of every frame of a log, by python-can's reader and cantools."""
     with CanutilsLogReader(path) as reader:
         return [
             parsed.decode_message(message.arbitration_id, message.data, decode_choices=False)  # type: ignore[arg-type]
@@ -146,7 +155,8 @@ def _read(path: Path) -> list[CanFrames]:
     return list(read_candump(path, CHUNK_BYTES))
 
 
-def _scans(path: Path) -> list[RadarScan]:
+def scans_of_log(path: Path) -> list[RadarScan]:
+    """Return the scans of a log, by our reader and assembler."""
     assembler = ScanAssembler()
     items: list[Item] = []
     for frames in read_candump(path, CHUNK_BYTES):
@@ -155,7 +165,7 @@ def _scans(path: Path) -> list[RadarScan]:
     return [item for item in items if isinstance(item, RadarScan)]
 
 
-def _difference(scans: list[RadarScan], decoded: list[dict[str, Any]]) -> float:
+def largest_difference(scans: list[RadarScan], decoded: list[dict[str, Any]]) -> float:
     """Return the largest difference between scans and the frames decoded one by one."""
     worst = 0.0
     for layout in CLUSTER_MODE.lists:
