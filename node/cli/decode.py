@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from drivers.scan import RadarScan
 
 DECIMALS = 4
+CHUNK_BYTES = 1 << 20
 
 
 def decode(
@@ -41,14 +42,26 @@ def decode(
 
 
 def _scans(log: Path) -> Iterator[RadarScan]:
+    """Yield the scans of every radar on every bus of a log.
+
+    A radar on the bus that the log names first is ``radar_<SensorID>``, one on another bus
+    ``<bus>.radar_<SensorID>``.
+    """
     from drivers.ars408 import ScanAssembler
+    from drivers.ars408_layout import SENSOR_IDS
     from drivers.can_log import read_log
     from drivers.scan import RadarScan
 
-    assembler = ScanAssembler()
-    for frames in read_log(log):
-        yield from (item for item in assembler.feed(frames) if isinstance(item, RadarScan))
-    yield from (item for item in assembler.flush() if isinstance(item, RadarScan))
+    assemblers: list[ScanAssembler] = []
+    for frames in read_log(log, CHUNK_BYTES):
+        for bus in frames.channels[len(assemblers) :]:
+            prefix = f"{bus}." if assemblers else ""
+            assemblers.append(ScanAssembler({n: f"{prefix}radar_{n}" for n in SENSOR_IDS}))
+        for index, assembler in enumerate(assemblers):
+            own = frames if len(assemblers) == 1 else frames.select(frames.channel == index)
+            yield from (item for item in assembler.feed(own) if isinstance(item, RadarScan))
+    for assembler in assemblers:
+        yield from (item for item in assembler.flush() if isinstance(item, RadarScan))
 
 
 def _emit_scan(scan: RadarScan) -> None:
