@@ -95,7 +95,7 @@ def test_what_was_lost_is_null_in_json_and_counted_on_standard_error(tmp_path: P
     result = CliRunner().invoke(app, ["decode", str(log), "--json"])
     (scan,) = map(json.loads, result.stdout.splitlines())
     assert scan["length"] == [2.0, None]
-    assert scan["object_class"] == [0, 7]
+    assert scan["object_class"] == [1, 7]
     assert "prob_of_exist" not in scan
     assert result.stderr == (
         f"{log}: 1 scans, 1 frames lost, 0 cycles lost, 0 duplicates, 2 strays\n"
