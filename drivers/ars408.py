@@ -34,13 +34,13 @@ class ScanAssembler:
     (0x60D) lists will come is not announced. It is known
 
     - from the radar's own state (0x201: SendQuality, SendExtInfo) as soon as one was seen,
-    - else from the cycles before: a list that was seen is expected, until ``PATIENCE`` general
+    - else from the cycles before: a list that was seen is expected, until three general
       lists in a row came whole without it.
 
     The first scan of a sensor, before either is known, stays open until a radar state or the next
     status frame settles it. So if quality is switched on and no state says so, one scan goes
     without (its quality frames are strays); if it is switched off and no state says so,
-    ``PATIENCE`` scans come a cycle late, with their quality frames counted as lost.
+    three scans come a cycle late, with their quality frames counted as lost.
 
     A scan that is incomplete when the next status frame comes is given out and marked. Clusters
     whose general frame was lost are missing from it; fields whose quality or extended frame was
@@ -54,8 +54,8 @@ class ScanAssembler:
     counts as lost. A gap of over 1000 cycles that does not fit into the time between the stamps is
     a radar that restarted: none is lost either.
 
-    Regular cycles are found and decoded many at a time (``drivers.ars408_bulk``), all others frame
-    by frame (``drivers.ars408_radar``); how a stream is cut into batches changes nothing of what
+    Regular cycles are found and decoded many at a time (``drivers.ars408_bulk``), all others one
+    by one (``drivers.ars408_radar``); how a stream is cut into batches changes nothing of what
     comes out.
 
     Parameters

@@ -1,4 +1,4 @@
-"""One radar's state between batches, and the assembler's general path, frame by frame."""
+"""One radar's state between batches, and the assembler's general path: whatever may come."""
 
 from __future__ import annotations
 
@@ -14,49 +14,16 @@ from numpy.typing import NDArray
 from dbc.codec import ars408
 from drivers.ars408_bulk import Announcement, Cycle, RadarFrames, announcements, regular_cycles
 from drivers.ars408_layout import CAN_ID, PAYLOAD_BYTES, Kind, ListLayout
+from drivers.ars408_learned import CycleCounter, Expectations
 from drivers.scan import MotionInput, RadarScan, RadarState
 
 Item = RadarScan | RadarState | MotionInput
 Placed = tuple[int, Item]
 """What a frame completes, after the row of that frame."""
 
-PATIENCE = 3
-"""Whole general lists in a row without an optional list, until that is no longer expected."""
-
 _PAYLOAD = np.dtype((np.void, PAYLOAD_BYTES))
 _RADAR_STATE = int(Kind.RADAR_STATE)
-_COUNTER_RANGE = 1 << 16
-_SHORT_GAP = 1000  # cycles; a longer one must fit into the time that passed
-_SHORTEST_CYCLE_NS = 50_000_000
 _REVERSE = 2  # of RadarDevice_SpeedDirection
-_QUALITY = (Kind.CLUSTER_QUALITY, Kind.OBJECT_QUALITY)
-_OPTIONAL = (*_QUALITY, Kind.OBJECT_EXTENDED)
-
-
-@dataclass(slots=True)
-class _CycleCounter:
-    """MeasCounter to sequence numbers, the counter's step learned."""
-
-    sequence: int = -1
-    _counter: int = 0
-    _stamp_ns: int = 0
-    _change: int = 0
-    _step: int | None = None
-
-    def count(self, counter: int, stamp_ns: int) -> int:
-        """Take the status frame of the next cycle; return how many cycles were lost before it."""
-        lost = 0
-        if self.sequence >= 0:
-            change = (counter - self._counter) % _COUNTER_RANGE
-            if change and change == self._change and change < (self._step or _COUNTER_RANGE):
-                self._step = change
-            self._change = change
-            lost = max(0, change // self._step - 1) if self._step else 0
-            if lost > _SHORT_GAP and lost * _SHORTEST_CYCLE_NS > stamp_ns - self._stamp_ns:
-                lost = 0
-        self._counter, self._stamp_ns = counter, stamp_ns
-        self.sequence += 1 + lost
-        return lost
 
 
 @dataclass(slots=True)
@@ -83,9 +50,8 @@ class Radar:
     name: str
     strays: int = 0
     _open: _OpenScan | None = None
-    _cycles: _CycleCounter = field(default_factory=_CycleCounter)
-    _expected: dict[int, bool | None] = field(default_factory=lambda: dict.fromkeys(_OPTIONAL))
-    _misses: dict[int, int] = field(default_factory=lambda: dict.fromkeys(_OPTIONAL, 0))
+    _cycles: CycleCounter = field(default_factory=CycleCounter)
+    _expected: Expectations = field(default_factory=Expectations)
     _speed: float | None = None
     _yaw_rate: float | None = None
     _dropped: int = 0
@@ -150,9 +116,11 @@ class Radar:
             told = places[bisect(places, head.start) : bisect(places, head.end)]
             if cycle is not None and self._foresees(head, cycle, [states[p] for p in told]):
                 for place in told:
+                    self._expected.tell(states[place])
                     yield int(frames.row[place]), states[place]
-                for layout in head.mode.optional:
-                    self._misses[layout.kind] = 0
+                for layout, present in zip(head.mode.optional, cycle.present, strict=True):
+                    if present:
+                        self._expected.see(layout.kind)
                 yield cycle.last, self._scan(head, cycle.arrays)
             else:
                 yield from self._begin(head, frames)
@@ -162,9 +130,8 @@ class Radar:
         """Whether, frame by frame, this cycle would be complete at its last frame exactly."""
         if self._open is not None:
             return False
-        expected = tuple(self._expected[layout.kind] for layout in head.mode.optional)
-        news = (self._expected[kind] != sent for state in told for kind, sent in _lists(state))
-        return cycle.present == expected and not any(news)
+        expected = tuple(self._expected.of[layout.kind] for layout in head.mode.optional)
+        return cycle.present == expected and all(map(self._expected.knew, told))
 
     def _begin(self, head: Announcement, frames: RadarFrames) -> Iterator[Placed]:
         """Take a status frame."""
@@ -205,16 +172,15 @@ class Radar:
 
     def _state(self, row: int, state: RadarState) -> Iterator[Placed]:
         """Take a radar state; it may settle what the open scan waits for."""
-        self._tell(state)
+        self._expected.tell(state)
         if self._open is not None and self._is_complete(self._open):
             yield row, self._close(self._open)
         yield row, state
 
     def _take(self, kind: int, payloads: list[bytes]) -> int | None:
         """Take a run of frames of one list; return which of them completes the open scan."""
-        if kind in self._expected:
-            self._expected[kind] = True
-            self._misses[kind] = 0
+        if kind in self._expected.of:
+            self._expected.see(kind)
         scan = self._open
         if scan is None or kind not in scan.lists:
             self.strays += len(payloads)
@@ -239,15 +205,9 @@ class Radar:
         size = scan.head.size
         return len(scan.lists[scan.head.mode.general.kind]) == size and all(
             len(scan.lists[layout.kind]) == size
-            or (self._expected[layout.kind] is False and not scan.lists[layout.kind])
+            or (self._expected.of[layout.kind] is False and not scan.lists[layout.kind])
             for layout in scan.head.mode.optional
         )
-
-    def _tell(self, state: RadarState) -> None:
-        """Expect the lists that the radar says it sends."""
-        for kind, value in _lists(state):
-            self._expected[kind] = value
-            self._misses[kind] = 0
 
     def _close(self, scan: _OpenScan) -> RadarScan:
         """Decode an open scan, complete or not."""
@@ -265,17 +225,11 @@ class Radar:
                 explained = min(len(frames) - matched, unknown)
                 self.strays += len(frames) - matched - explained
                 lost += head.size - matched - explained
-            elif self._expected[layout.kind]:
-                lost += head.size
-            if not unknown and head.size:
-                self._learn(layout.kind, seen=bool(frames))
+            else:
+                lost += head.size if self._expected.of[layout.kind] else 0
+                if head.size and not unknown:
+                    self._expected.miss(layout.kind)
         return self._scan(head, arrays, lost, scan.duplicates)
-
-    def _learn(self, kind: int, *, seen: bool) -> None:
-        """Learn from a whole general list whether an optional one comes with it."""
-        self._misses[kind] = 0 if seen else self._misses[kind] + 1
-        if self._expected[kind] is None or self._misses[kind] >= PATIENCE:
-            self._expected[kind] = seen
 
     def _scan(
         self,
@@ -303,13 +257,6 @@ class Radar:
             dropped=self._dropped,
             **arrays,
         )
-
-
-def _lists(state: RadarState) -> Iterator[tuple[int, bool]]:
-    """Yield whether the radar says that it sends each optional list."""
-    for kind in _QUALITY:
-        yield kind, bool(state.values["RadarState_SendQualityCfg"])
-    yield Kind.OBJECT_EXTENDED, bool(state.values["RadarState_SendExtInfoCfg"])
 
 
 def _payloads(frames: dict[int, bytes]) -> NDArray[np.uint8]:
