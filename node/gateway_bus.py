@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections import Counter
 from threading import Event, Lock, Thread
@@ -15,6 +16,8 @@ from node.gateway_levels import GatewayLevels
 from node.gateway_scene import GatewayScene
 from node.gateway_statistics import Latencies
 
+log = logging.getLogger("murk.gateway")
+
 STOP_CHECK_S = 0.1
 """How long a read from a silent bus blocks at most."""
 SHORT_WAIT_S = 0.002
@@ -25,6 +28,8 @@ BACK_OFF_S = 0.2
 
 class LastingBus:
     """A CAN bus that may go down and come back; one thread may read it while another sends.
+
+    That it went down is logged once, and that it is back.
 
     Attributes
     ----------
@@ -39,6 +44,7 @@ class LastingBus:
         self.unsent = 0
         self._spec = spec
         self._lock = Lock()
+        self._is_down = False
         self._bus: CanBus | None = open_bus(spec)
 
     @property
@@ -56,7 +62,10 @@ class LastingBus:
         except BusDown as down:
             self._lose(bus, down)
             return None
-        return frames if len(frames) else None
+        if not len(frames):
+            return None
+        self._is_back()
+        return frames
 
     def send(self, frames: CanFrames) -> bool:
         """Send frames; False, and counted, where the bus is down."""
@@ -64,6 +73,7 @@ class LastingBus:
         if bus is not None:
             try:
                 bus.send(frames)
+                self._is_back()
                 return True
             except BusDown as down:
                 self._lose(bus, down)
@@ -75,8 +85,16 @@ class LastingBus:
         if self._bus is not None:
             self._bus.close()
 
+    def _is_back(self) -> None:
+        if self._is_down:
+            self._is_down = False
+            log.warning("%s is back", self._spec)
+
     def _lose(self, bus: CanBus, down: BusDown) -> None:
         self.downs += 1
+        if not self._is_down:
+            self._is_down = True
+            log.warning("%s", down)
         with self._lock:
             if down.gone and self._bus is bus:
                 bus.close()
@@ -170,7 +188,7 @@ class CanLink:
     def summary(self) -> dict[str, Any]:
         """Return what was counted, for JSON."""
         passed = ("frames_in", "frames_out", "frames_back", "error_frames")
-        changed = ("scans", "degraded", "incomplete", "late", "silenced", "cut_off")
+        changed = ("scans", "degraded", "incomplete", "failures", "late", "silenced", "cut_off")
         record: dict[str, Any] = {name: self._counts[name] for name in passed}
         record |= {name: self._core.counts[name] for name in changed}
         record["faults"] = dict(self._core.faults.counts)

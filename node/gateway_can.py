@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from dataclasses import replace
 from itertools import pairwise
@@ -9,7 +10,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.ars408 import ScanAssembler
 from drivers.ars408_layout import CAN_ID, ID_SHIFT, Kind, shortest_payload
 from drivers.can_frames import CanFrames, FrameFlag, concatenate
 from drivers.encode import encode_scan
@@ -19,100 +19,20 @@ from models.degrade.draw import DrawKey
 from models.sensor import ARS408
 from node.gateway_frames import Outbox, TimedFrames
 from node.gateway_levels import GatewayLevels
-from node.gateway_stream import ScanStream
+from node.gateway_scan import LONGEST_SCAN_NS, IncomingScan, Kinds
+from node.gateway_stream import STREAMED_KINDS, ScanStream
 from node.link_faults import FULL_LOAD_SPACING_NS, LinkFaults
 from node.scene import Sensor
 
+log = logging.getLogger("murk.gateway")
+
 _LISTS = (Kind.CLUSTER_STATUS, Kind.CLUSTER_GENERAL, Kind.CLUSTER_QUALITY)
-_STATUS, _GENERAL, _QUALITY = map(int, _LISTS)
 """The frames of a cluster scan; every other one is of kind 0."""
+_STATUS = int(Kind.CLUSTER_STATUS)
 _NOT_PLAIN = int(FrameFlag.EXTENDED | FrameFlag.REMOTE | FrameFlag.ERROR | FrameFlag.FD)
 
-LONGEST_SCAN_NS = 2 * round(ARS408.cycle_s * 1e9)
-"""When nothing of a scan has come for two cycles, what it lacks does not come any more."""
-MOST_FRAMES = 4096
 CATCH_UP_SPACING_NS = FULL_LOAD_SPACING_NS // 2
 """From frame to frame at least, where a scan has to wait for the end of the one before it."""
-QUALITY_WAIT_NS = 20_000_000
-"""How long the first scan waits for its quality frames before it counts as one without."""
-
-Kinds = NDArray[np.uint8]
-
-
-class _Scan:
-    """One cluster scan as it comes in.
-
-    Parameters
-    ----------
-    number:
-        Counted from the start.
-    begun_ns:
-        When its status frame came.
-    announced:
-        How many clusters that announces.
-
-    Attributes
-    ----------
-    held:
-        Whether it is kept back to be changed.
-    stream:
-        Changes it cluster by cluster; where it is None and the scan is not held, that passes as
-        over a wire.
-    over:
-        Whether nothing more is expected of it; what comes to a held one nevertheless is too late.
-    frames, count:
-        What has come of it, and how many frames that are.
-    """
-
-    def __init__(self, number: int, begun_ns: int, announced: int) -> None:
-        self.number = number
-        self.begun_ns = begun_ns
-        self.held = False
-        self.stream: ScanStream | None = None
-        self.over = False
-        self.frames: list[CanFrames] = []
-        self.count = 0
-        self._announced = announced
-        self._came = np.zeros((len(Kind), 256), np.bool_)
-        self._last_ns = begun_ns
-        self._listed_ns: int | None = None
-
-    def add(self, frames: CanFrames, kinds: Kinds, now_ns: int) -> None:
-        """Take in frames of this scan."""
-        self._last_ns = now_ns
-        self._came[kinds, frames.data[:, 0]] = True
-        self.count += len(frames)
-        if not self.is_overfull:
-            self.frames.append(frames)
-        if self._listed_ns is None and self._count(_GENERAL) >= self._announced:
-            self._listed_ns = now_ns
-
-    @property
-    def is_overfull(self) -> bool:
-        """Whether more frames have come than any scan has: it is none."""
-        return self.count > MOST_FRAMES
-
-    @property
-    def has_quality(self) -> bool | None:
-        """Whether quality frames come with the clusters; None where that cannot be told."""
-        if not self._announced or self._listed_ns is None:
-            return None
-        return self._count(_QUALITY) > 0
-
-    def is_whole(self, *, quality: bool) -> bool:
-        """Tell whether nothing is missing; ``quality`` says whether quality frames count."""
-        if self._listed_ns is None:
-            return False
-        return not quality or self._count(_QUALITY) >= self._announced
-
-    def expires_ns(self, *, quality: bool | None) -> int:
-        """Return when to wait no longer; ``quality`` says whether quality frames are expected."""
-        if quality is None and self._listed_ns is not None and not self.has_quality:
-            return self._listed_ns + QUALITY_WAIT_NS
-        return self._last_ns + LONGEST_SCAN_NS
-
-    def _count(self, kind: int) -> int:
-        return int(np.count_nonzero(self._came[kind]))
 
 
 class CanGateway:
@@ -142,9 +62,10 @@ class CanGateway:
     Attributes
     ----------
     counts:
-        Scans: ``scans`` that came, of them ``degraded`` and ``incomplete`` ones. Frames that did
-        not pass: ``silenced`` on a dead wire, ``cut_off`` from a scan that the end left half,
-        ``late`` ones that came after their scan had been changed.
+        Scans: ``scans`` that came, of them ``degraded`` and ``incomplete`` ones, and ``failures``
+        to degrade one, which was sent as it came. Frames that did not pass: ``silenced`` on a dead
+        wire, ``cut_off`` from a scan that the end left half, ``late`` ones that came after their
+        scan had been changed.
     faults:
         The link's faults, with their counts.
     """
@@ -164,7 +85,7 @@ class CanGateway:
             self._kind_of_id[CAN_ID[kind] + ID_SHIFT * sensor.sensor_id] = kind
         self._shortest = shortest_payload()
         self._outbox = Outbox()
-        self._scan: _Scan | None = None
+        self._scan: IncomingScan | None = None
         self._quality: bool | None = None
         self._first_ns: int | None = None
         self._last_due_ns = 0
@@ -217,9 +138,9 @@ class CanGateway:
         if self._first_ns is None:
             self._first_ns = now_ns
         t_s = self._since_first_s(now_ns)
-        scan = _Scan(self.counts["scans"], now_ns, int(status[0]) + int(status[1]))
+        scan = IncomingScan(self.counts["scans"], now_ns, int(status[0]) + int(status[1]))
         scan.over = self._finishing
-        scan.stream = self._stream(status, scan.number, t_s)
+        scan.stream = self._stream(status, scan, t_s)
         scan.held = self._finishing or (scan.stream is None and self._levels.any_at(t_s))
         self._scan = scan
         self.counts["scans"] += 1
@@ -227,14 +148,18 @@ class CanGateway:
             self.faults.clear()
             self._silent_until_ns = 0
 
-    def _stream(self, status: NDArray[np.uint8], number: int, t_s: float) -> ScanStream | None:
+    def _stream(
+        self, status: NDArray[np.uint8], scan: IncomingScan, t_s: float
+    ) -> ScanStream | None:
         """Return what changes a scan while it comes; None where it is to be stored or to pass."""
         if not self._low_latency or self._finishing or self._before is None:
             return None
         levels = self._levels.injector.levels_at(t_s)
-        if not levels or self._levels.rates_at(t_s) or not set(levels) <= set(radar.KINDS):
+        if not levels or self._levels.rates_at(t_s) or not set(levels) <= set(STREAMED_KINDS):
             return None
-        key = DrawKey(self._seed, self._sensor.name, number)
+        if scan.announced > ARS408.max_clusters:
+            return None
+        key = DrawKey(self._seed, self._sensor.name, scan.number)
         drawn = [radar.draw(kind, level, key) for kind, level in levels.items()]
         self.counts["degraded"] += 1
         return ScanStream(status, self._before, drawn)
@@ -295,17 +220,17 @@ class CanGateway:
             return None
         return scan.expires_ns(quality=self._quality)
 
-    def _end_if_whole(self, scan: _Scan, now_ns: int) -> None:
+    def _end_if_whole(self, scan: IncomingScan, now_ns: int) -> None:
         if scan.is_overfull or scan.is_whole(quality=self._quality is not False):
             self._end(scan, now_ns)
 
-    def _end(self, scan: _Scan, now_ns: int) -> None:
+    def _end(self, scan: IncomingScan, now_ns: int) -> None:
         """Expect no more of the scan; send what became of it where it was kept back."""
         scan.over = True
         if scan.has_quality is not None:
             self._quality = scan.has_quality
         if self._low_latency:
-            self._before = self._decoded(scan)
+            self._before = scan.clusters(self._sensor)
         if not scan.held:
             return
         t_s = self._since_first_s(scan.begun_ns)
@@ -319,29 +244,26 @@ class CanGateway:
         self._outbox.put(self.faults.babble(timed, rates, scan.number))
         self._last_due_ns = max([self._last_due_ns, *sent.due_ns[-1:].tolist()])
 
-    def _changed(self, scan: _Scan, t_s: float) -> tuple[CanFrames, CanFrames]:
+    def _changed(self, scan: IncomingScan, t_s: float) -> tuple[CanFrames, CanFrames]:
         """Return what came of a scan, and what is to be sent instead."""
         came = concatenate(scan.frames)
-        decoded = self._decoded(scan)
+        decoded = scan.clusters(self._sensor)
         if decoded is None:
             self.counts["incomplete"] += 1
             return came, came
-        degraded, injected = self._levels.injector.inject(decoded, t_s)
+        try:
+            degraded, injected = self._levels.injector.inject(decoded, t_s)
+            frames = encode_scan(degraded) if injected else came
+        except Exception:
+            self.counts["failures"] += 1
+            if self.counts["failures"] == 1:
+                log.exception("a scan of %s failed; more are counted", self._sensor.name)
+            return came, came
         if not injected:
             return came, came
         self.counts["degraded"] += 1
-        frames = encode_scan(degraded)
         frames.data[0, 2:5] = came.data[0, 2:5]  # counter and interface version
         return came, frames
-
-    def _decoded(self, scan: _Scan) -> RadarScan | None:
-        """Return a scan as clusters; None where it is incomplete."""
-        if scan.is_overfull or not scan.is_whole(quality=scan.has_quality is True):
-            return None
-        assembler = ScanAssembler({self._sensor.sensor_id: self._sensor.name})
-        items = [*assembler.feed(concatenate(scan.frames)), *assembler.flush()]
-        decoded = next(item for item in items if isinstance(item, RadarScan))
-        return None if decoded.frames_lost else replace(decoded, sequence=scan.number)
 
     def _since_first_s(self, now_ns: int) -> float:
         return 0.0 if self._first_ns is None else (now_ns - self._first_ns) * 1e-9

@@ -34,7 +34,8 @@ STREAMED_KINDS = radar.KINDS
 """Kinds that change each cluster for itself; every other one needs the whole scan."""
 
 _STATUS, _GENERAL = int(Kind.CLUSTER_STATUS), int(Kind.CLUSTER_GENERAL)
-_IDS = _DONE = 256
+_IDS = 256
+_DONE = _IDS
 _SIGNALS = ("DistLong", "DistLat", "VrelLong", "VrelLat", "RCS")
 
 Payload = NDArray[np.uint8]
@@ -55,7 +56,7 @@ class ScanStream:
     Parameters
     ----------
     status:
-        (8,) uint8, payload of its status frame.
+        (8 or more,) uint8, payload of its status frame, which announces what a cycle can carry.
     before:
         The scan before it, as it came.
     drawn:
@@ -74,15 +75,15 @@ class ScanStream:
         sizes = [int(size) for size in status[:2]]
         self._ends = (sizes[0], sum(sizes))
         self._to_miss = self._foretold(before, sizes)
-        kept = sum(sizes) - sum(self._to_miss)
+        self._ghosts = _ghosts_of(before, drawn) if sum(sizes) else (deque(), deque())
         limit = ARS408.max_clusters if before.pdh0 is None else ARS408.max_clusters_with_quality
-        self._ghosts = _ghosts_of(before, drawn, max(0, limit - kept) if kept else 0)
+        self._make_room(sizes, limit)
         self._new_id = np.full(_IDS, -1)
         """New ID by old one: -1 before it has come, ``_DONE`` where nothing more of it is sent."""
         self._next_id = 0
-        self._qualities_left = kept
+        self._qualities_left = sum(sizes) - sum(self._to_miss)
         self._ghost_qualities: deque[Payload] = deque()
-        self._status = status.copy()
+        self._status = status[:8].copy()
         for part in (0, 1):
             self._status[part] = sizes[part] - self._to_miss[part] + len(self._ghosts[part])
 
@@ -149,6 +150,13 @@ class ScanStream:
             for part, size in zip(lists, sizes, strict=True)
         ]
 
+    def _make_room(self, sizes: list[int], limit: int) -> None:
+        """Miss as many clusters more as ghosts would make the scan longer than a cycle carries."""
+        for part in (1, 0):
+            kept = [size - missed for size, missed in zip(sizes, self._to_miss, strict=True)]
+            over = sum(kept) + sum(map(len, self._ghosts)) - max(limit, sum(sizes))
+            self._to_miss[part] += min(max(over, 0), kept[part])
+
     def _general(self, payload: Payload, missed: bool) -> list[Payload]:
         """Return what is sent when a cluster comes: ghosts before it, itself, ghosts at the end."""
         old_id = int(payload[0])
@@ -205,16 +213,11 @@ class ScanStream:
 
 
 def _ghosts_of(
-    before: RadarScan, drawn: Sequence[RadarDegradation], room: int
+    before: RadarScan, drawn: Sequence[RadarDegradation]
 ) -> tuple[deque[_Ghost], deque[_Ghost]]:
     """Return the ghosts that the scan before would have got, near and far, ascending in range.
 
     They are what the degraded scan has over the plain one.
-
-    Parameters
-    ----------
-    room:
-        How many there may be.
     """
     found: tuple[deque[_Ghost], deque[_Ghost]] = (deque(), deque())
     plain = {bytes(row[1:]) for row in _payloads(before)[0]}
@@ -224,11 +227,10 @@ def _ghosts_of(
         haunted = radar.apply(replace(one, kind="ghosts"), before)
         generals, qualities = _payloads(haunted)
         for place, payload in enumerate(generals):
-            if bytes(payload[1:]) not in plain and room:
+            if bytes(payload[1:]) not in plain:
                 quality = None if qualities is None else qualities[place]
                 distance = float(np.hypot(haunted.x[place], haunted.y[place]))
                 found[int(place >= haunted.near)].append(_Ghost(distance, payload, quality))
-                room -= 1
     near, far = (deque(sorted(part, key=lambda ghost: ghost.range_m)) for part in found)
     return near, far
 

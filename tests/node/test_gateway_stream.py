@@ -149,6 +149,14 @@ def test_ghosts_are_announced_and_stand_in_their_place() -> None:
             assert (np.diff(part) > -0.5).all()
 
 
+def test_ghosts_take_the_place_of_the_last_clusters_where_a_cycle_is_full() -> None:
+    came = stream(10, clusters=125)
+    after = scans(Clock(gateway({"ghosts": 100})).play(came, 20).rest().frames)[1:]
+    assert {len(scan) for scan in after} == {125}
+    before = scans(came)[1:]
+    assert any((a.x[:80] != b.x[:80]).any() for a, b in zip(after, before, strict=True))
+
+
 @pytest.mark.parametrize("levels", [{"blockage": 60}, {"snr": 60, "blockage": 10}, {"drop": 5}])
 def test_what_needs_whole_scans_gets_them(levels: dict[str, float]) -> None:
     clock = Clock(gateway(levels)).play(stream(4)).rest()

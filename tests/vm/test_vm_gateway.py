@@ -38,6 +38,8 @@ pytestmark = needs_machine
 CYCLE_NS = 72_000_000
 WIRE_FRAMES = 100_000
 FULL_LOAD = 4000
+SLOW_NS = 2_000_000
+"""From frame to frame, that emulated Python keeps pace."""
 PATIENCE_S = 60.0
 
 
@@ -174,6 +176,39 @@ def test_a_bus_that_goes_down_and_comes_back_is_passed_on_again(data: Path, tmp_
     assert same(heard_in(tmp_path / "heard.log"), concatenate([sent, sent]))
 
 
+def test_both_ways_carry_each_frame_once(data: Path, tmp_path: Path) -> None:
+    sent = drive(data, 2)
+    write_candump(tmp_path / "sent.log", [sent])
+    with open_bus("vcan0") as radar, candump(tmp_path / "heard.log"):
+        with Gateway(scene(), "vcan1", both_ways=True) as gateway:
+            canplayer(tmp_path / "sent.log")
+            wait_until_sent(gateway, len(sent))
+            subprocess.run(["cansend", "vcan1", "300#4100"], check=True)
+            wait_until(lambda: gateway.summary()["frames_back"] == 1)
+            time.sleep(0.5)
+        on_vcan0 = radar.read(1.0)
+    assert gateway.summary()["frames_out"] == len(sent)
+    assert len(heard_in(tmp_path / "heard.log")) == len(sent) + 1
+    assert len(on_vcan0) == len(sent) + 1
+    assert on_vcan0.can_id[-1] == 0x300
+
+
+def test_low_latency_sends_each_cluster_when_it_comes(data: Path, tmp_path: Path) -> None:
+    sent = drive(data, 20)
+    sent = replace(sent, stamp_ns=np.arange(len(sent)) * SLOW_NS)
+    write_candump(tmp_path / "sent.log", [sent])
+    wanted = scene("radar:missed:60")
+    with candump(tmp_path / "heard.log"), Gateway(wanted, "vcan1", low_latency=True) as gateway:
+        canplayer(tmp_path / "sent.log")
+        wait_until(lambda: gateway.summary()["degraded"] == 20)
+    came, went = scans(sent), scans(heard_in(tmp_path / "heard.log"))
+    assert [scan.meas_counter for scan in went] == [scan.meas_counter for scan in came]
+    assert all(scan.frames_lost == scan.strays == 0 for scan in went)
+    assert sum(map(len, went)) < 0.95 * sum(map(len, came))
+    scan_ns = 250 * SLOW_NS
+    assert gateway.summary()["latency_p50_ns"] < scan_ns / 3
+
+
 def test_the_command_obeys_and_ends_with_a_whole_scan_and_silence(
     data: Path,
     tmp_path: Path,
@@ -230,7 +265,7 @@ def test_frames_reach_whoever_watches_the_output_device(tmp_path: Path) -> None:
     half[:, :640] = 200
     for number in range(100):
         assert cv2.imwrite(str(tmp_path / f"{number:03}.png"), half)
-    wanted = build_gateway_scene(None, "camera", str(tmp_path), inject=["camera:blur:50"])
+    wanted = build_gateway_scene(None, "camera", str(tmp_path), inject=["camera:blur:100"])
     with Gateway(wanted, "/dev/video1") as gateway:
         wait_until_sent(gateway, 3)
         size = "--set-fmt-video=width=1280,height=720,pixelformat=BGR3"
