@@ -17,7 +17,7 @@ Tells from one frame how degraded it is: a distribution over eleven levels (0, 1
 the kind (clean, blur, over, under, noise).
 
 - Input `features`: what `models.estimate.image_features` reads from a BGR frame of any size, at
-  native resolution. Outputs `level` and `kind`: logits, tempered on the split `val`.
+  native resolution. Outputs `level` and `kind`: logits.
 - {parameters:,} parameters; {samples:,} training samples; seed {seed}.
 - Reproduce: `murk train camera --data DATA --seed {seed}`.
 
@@ -40,8 +40,8 @@ _MEASURED = """
 ## Measured
 
 Clean frames of scenes that are in no other split, at native size; kinds in equal shares, levels
-uniform over the eleven. `test` was used for nothing but these figures. Mean error: distance of the
-mean of the distribution from the true level, percentage points.
+uniform over the eleven. Nothing was trained on `val` or `test`; the level's temperature was set on
+`val`. Mean error: distance of the mean of the distribution from the true level, percentage points.
 """
 
 _LIMITS = """
