@@ -28,6 +28,7 @@ def describe(
     echoes: Echoes,
     beam: Beam,
     antenna: Antenna,
+    confirmed: NDArray[np.bool_],
     rng: np.random.Generator,
 ) -> Columns:
     """Return the fields of ``RadarScan`` for one list.
@@ -40,12 +41,14 @@ def describe(
         The scan that measured them.
     antenna:
         The sensor's own motion, which it takes out of what stands.
+    confirmed:
+        (n,) which echoes the other scan has too.
     rng:
         Draws the flags.
     """
     outside = np.abs(echoes.azimuth) > beam.half_width
     dyn = _dyn_prop(echoes, antenna, outside, rng)
-    invalid, pdh0 = _validity(echoes, beam, outside, rng)
+    invalid, pdh0 = _validity(echoes, beam, confirmed, outside, rng)
     cos, sin = np.cos(echoes.azimuth), np.sin(echoes.azimuth)
     x, y = echoes.r * cos, echoes.r * sin
     standing = np.isin(dyn, (_STATIONARY, _CANDIDATE, _CROSSING_SLOWLY, _STOPPED))
@@ -64,21 +67,30 @@ def describe(
         }.items()
     }
     columns |= {"dyn_prop": dyn, "pdh0": pdh0, "invalid_state": invalid}
-    columns["ambig_state"] = _ambiguity(dyn, pdh0, rng)
+    columns["ambig_state"] = _ambiguity(echoes, dyn, pdh0, rng)
     columns |= {name: (index * known).astype(np.uint8) for name, index in rms.items()}
     return columns
+
+
+def _dice(echoes: Echoes, which: int, rng: np.random.Generator) -> Floats:
+    """Return numbers uniform on [0, 1) that change little from scan to scan for one reflector.
+
+    Different ``which`` give numbers that know nothing of each other.
+    """
+    own = echoes.chance * (97.0 + 101.0 * which) + 0.04 * rng.normal(size=len(echoes))
+    return np.asarray(own % 1.0)
 
 
 def _dyn_prop(
     echoes: Echoes, antenna: Antenna, outside: NDArray[np.bool_], rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     """Return DynProp; what stands is first a candidate, the longer the farther and fainter."""
-    n = len(echoes)
-    doubt = 0.0075 * np.minimum(echoes.r, 85) - 0.016 * (echoes.rcs - 4)
-    dyn = np.where(rng.random(n) < doubt, _CANDIDATE, _STATIONARY)
+    doubt = 0.0078 * np.minimum(echoes.r, 85) - 0.016 * (echoes.rcs - 4)
+    doubt += 0.02 * np.clip(np.where(np.isfinite(echoes.rivalry), echoes.rivalry, 0), -4, 10)
+    dyn = np.where(_dice(echoes, 1, rng) < doubt, _CANDIDATE, _STATIONARY)
     cos, sin = np.cos(echoes.azimuth), np.sin(echoes.azimuth)
     over_ground = echoes.speed + antenna.ahead * cos + antenna.left * sin
-    moving = (echoes.motion == Motion.MOVING) | (echoes.motion == Motion.CROSSING)
+    moving = np.isin(echoes.motion, (Motion.MOVING, Motion.CROSSING, Motion.MIRRORED))
     dyn[moving] = np.where(over_ground[moving] < 0, _ONCOMING, _MOVING)
     crossing = (echoes.motion == Motion.CROSSING) & (echoes.r < 36)
     dyn[crossing] = np.where(np.abs(over_ground[crossing]) < 0.2, _CROSSING_SLOWLY, _CROSSING)
@@ -88,27 +100,31 @@ def _dyn_prop(
 
 
 def _validity(
-    echoes: Echoes, beam: Beam, outside: NDArray[np.bool_], rng: np.random.Generator
+    echoes: Echoes,
+    beam: Beam,
+    confirmed: NDArray[np.bool_],
+    outside: NDArray[np.bool_],
+    rng: np.random.Generator,
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Return InvalidState and the false-alarm class Pdh0 that goes with it."""
     n = len(echoes)
     degrees = np.degrees(np.abs(echoes.azimuth))
-    u, w = rng.random(n), rng.random(n)
+    u, v, w = (_dice(echoes, which, rng) for which in (2, 3, 4))
     state = np.zeros(n, np.uint8)
-    multiple = 0.01 + 0.002 * degrees + 0.25 * echoes.shared
+    multiple = 0.01 + 0.002 * degrees + 0.25 * np.isfinite(echoes.rivalry)
     state[u < multiple] = 16
     if not beam.far:
         state[(state == 0) & (echoes.r > 95) & (degrees < 9)] = 15
         state[w < 0.75 * np.exp(-(((degrees - 50.3) / 1.1) ** 2))] = 10
     faint = (echoes.rcs < 0.25) & (echoes.r > 19) & (u < 0.95)
-    state[faint & (rng.random(n) < 0.5 + 0.05 * (-echoes.rcs))] = 4
-    v = rng.random(n)
+    state[faint & (_dice(echoes, 5, rng) < 0.5 + 0.05 * (-echoes.rcs))] = 4
     child = v < (0.02 if beam.far else 0.1) * (echoes.r > 12)
     state[child] = 9
     shoulder = (v > 0.1) & (v < 0.13 + np.minimum(0.1 * echoes.shoulder, 0.65))
     state[shoulder] = 11
     if beam.far:
-        state[(echoes.r < 50) & (rng.random(n) < 0.5)] = 3
+        state[(echoes.r < 50) & ~confirmed] = 3
+    state[(echoes.motion == Motion.MIRRORED) & (w < 0.5)] = 6
     state[outside] = 7
     pdh0 = np.ones(n, np.uint8)
     pdh0[np.isin(state, (4, 9, 10, 11, 12))] = 3
@@ -117,11 +133,11 @@ def _validity(
 
 
 def _ambiguity(
-    dyn: NDArray[np.uint8], pdh0: NDArray[np.uint8], rng: np.random.Generator
+    echoes: Echoes, dyn: NDArray[np.uint8], pdh0: NDArray[np.uint8], rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     """Return AmbigState: unambiguous, but for a third of what moves and for invalid clusters."""
     state = np.full(len(dyn), 3, np.uint8)
-    u = rng.random(len(dyn))
+    u = _dice(echoes, 6, rng)
     moving = np.isin(dyn, (_MOVING, _ONCOMING))
     state[moving & (u < 0.40)] = 2
     state[moving & (u < 0.32)] = 1

@@ -17,8 +17,12 @@ DETECTION_DB = 13.0
 RCS_FLOOR = -5.0
 """The sensor reports nothing weaker, dBm²."""
 
-_WOBBLE = 0.035
+_WOBBLE = 0.03
 """Scale of the radial motion of what stands (leaves, wires) and of Doppler errors, m/s."""
+
+_FALSE_ALARMS = 0.3
+_NOMINAL_DB = 20.0
+_LUCK_DB = 7.0
 
 
 class Motion(IntEnum):
@@ -28,6 +32,8 @@ class Motion(IntEnum):
     MOVING = 1
     CROSSING = 2
     STOPPED = 3
+    MIRRORED = 4
+    """Not there at all: the wave went to and fro twice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +56,18 @@ class Beam:
         Two-way loss of gain at the edge of the field of view (parabolic in azimuth), dB.
     outside_loss_db:
         Further loss in the fringe, dB.
+    typical_m:
+        A range at which the sensor's tables hold this scan's values, m.
+    bin_m:
+        Range within which only the strongest echo of one speed is reported, m.
+    wave_number:
+        Of its carrier, rad/m.
+    pitch:
+        By how much its speckle turns faster than the near scan's; the two fade independently.
+    calm:
+        Factor on the reflectors' steady share.
+    range_error, azimuth_error:
+        Standard deviation of an echo of ``_NOMINAL_DB``, as a share of the data sheet's accuracy.
     """
 
     far: bool
@@ -60,24 +78,93 @@ class Beam:
     reach: float
     edge_loss_db: float
     outside_loss_db: float
+    typical_m: float
+    bin_m: float
+    wave_number: float
+    pitch: float
+    calm: float
+    range_error: float
+    azimuth_error: float
 
 
-NEAR = Beam(False, np.radians(60.0), np.radians(15.0), 0.5, 129.7, 83.0, 10.0, 15.0)
-FAR = Beam(True, np.radians(9.0), np.radians(4.0), 10.0, 258.0, 160.0, 3.0, 0.0)
+NEAR = Beam(
+    far=False,
+    half_width=np.radians(60.0),
+    fringe=np.radians(15.0),
+    range_min=0.5,
+    range_max=129.7,
+    reach=83.0,
+    edge_loss_db=10.0,
+    outside_loss_db=15.0,
+    typical_m=20.0,
+    bin_m=0.75,
+    wave_number=2 * np.pi / 0.00394,
+    pitch=1.0,
+    calm=1.0,
+    range_error=0.8,
+    azimuth_error=0.45,
+)
+
+FAR = Beam(
+    far=True,
+    half_width=np.radians(9.0),
+    fringe=np.radians(4.0),
+    range_min=10.0,
+    range_max=258.0,
+    reach=160.0,
+    edge_loss_db=3.0,
+    outside_loss_db=0.0,
+    typical_m=200.0,
+    bin_m=1.9,
+    wave_number=2 * np.pi / 0.00391,
+    pitch=1.6,
+    calm=0.3,
+    range_error=1.0,
+    azimuth_error=0.8,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """What arrives at the radar from N reflectors, (N,) each.
+    """What arrives at the radar from N reflectors, (N,) each unless said.
 
     Attributes
     ----------
     r, azimuth, speed:
         m, rad, m/s (radial, approaching negative).
-    field:
-        complex128, square root of the radar cross section in m², with phase.
+    amplitude:
+        Square root of the mean radar cross section in m².
+    steady:
+        Share of the power that does not fluctuate.
+    turn:
+        (N, waves) phases of the waves that the fluctuating share is made of, rad.
     motion:
         uint8, ``Motion`` over ground.
+    chance:
+        Unchanging number of the reflector, uniform on [0, 1), by which the sensor judges it.
+    """
+
+    r: Floats
+    azimuth: Floats
+    speed: Floats
+    amplitude: Floats
+    steady: Floats
+    turn: Floats
+    motion: NDArray[np.uint8]
+    chance: Floats
+
+    def __getitem__(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> Points:
+        return Points(*(getattr(self, field.name)[which] for field in fields(self)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Resolution cells with what came back from each, (n,) each; as ``Points`` where not said.
+
+    Attributes
+    ----------
+    field:
+        complex128, sum over the cell's reflectors, square root of m².
     """
 
     r: Floats
@@ -85,9 +172,10 @@ class Points:
     speed: Floats
     field: NDArray[np.complex128]
     motion: NDArray[np.uint8]
+    chance: Floats
 
-    def __getitem__(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> Points:
-        return Points(*(getattr(self, field.name)[which] for field in fields(self)))
+    def __getitem__(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> Cells:
+        return Cells(*(getattr(self, field.name)[which] for field in fields(self)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,10 +189,11 @@ class Echoes:
     rcs, snr:
         dBm², dB.
     shoulder:
-        dB by which the strongest echo beside it (two cells or less) is stronger; 0 where none is.
-    shared:
-        Whether another direction was heard in the same range and Doppler bin.
-    motion:
+        dB by which the strongest echo beside it is stronger; 0 where none is.
+    rivalry:
+        dB by which the strongest echo of another direction in the same range and Doppler bin is
+        stronger; −inf where there is none.
+    motion, chance:
         As of the strongest reflector in the cell.
     """
 
@@ -114,14 +203,21 @@ class Echoes:
     rcs: Floats
     snr: Floats
     shoulder: Floats
-    shared: NDArray[np.bool_]
+    rivalry: Floats
     motion: NDArray[np.uint8]
+    chance: Floats
 
     def __len__(self) -> int:
         return len(self.r)
 
-    def __getitem__(self, which: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Echoes:
+    def __getitem__(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> Echoes:
         return Echoes(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    def confirmed_by(self, other: Echoes) -> NDArray[np.bool_]:
+        """Return which echoes the other scan has too, within 1.5 m and 2°."""
+        gap = np.abs(self.r[:, None] - other.r) / 1.5
+        turn = np.abs(self.azimuth[:, None] - other.azimuth) / np.radians(2.0)
+        return np.asarray((np.maximum(gap, turn) < 1).any(axis=1))
 
 
 def noise_db(beam: Beam, r: Floats, azimuth: Floats) -> Floats:
@@ -140,28 +236,29 @@ def measure(points: Points, beam: Beam, sensor: RadarSensor, rng: np.random.Gene
     """Return what ``beam`` detects of ``points``, with the sensor's resolution and accuracy."""
     inside = np.abs(points.azimuth) < beam.half_width + beam.fringe
     inside &= (points.r > beam.range_min) & (points.r < beam.range_max)
-    cells = _resolve(points[inside], beam, sensor)
+    cells = _with_false_alarms(_resolve(points[inside], beam, sensor), beam, rng)
     noise = noise_db(beam, cells.r, cells.azimuth)
-    disturbed = cells.field + 10 ** (noise / 20) * _complex_normal(rng, len(cells.r))
-    power = np.maximum(np.abs(disturbed) ** 2, 1e-12)
-    rcs = 10 * np.log10(power)
-    snr = rcs - noise
+    disturbed = cells.field + 10 ** (noise / 20) * _complex_normal(rng, len(noise))
+    rcs = 20 * np.log10(np.maximum(np.abs(disturbed), 1e-6))
     floor = RCS_FLOOR - 0.25 + rng.exponential(0.6, len(rcs))
-    seen = (snr > DETECTION_DB) & (rcs > floor)
-    cells, rcs, snr = cells[seen], rcs[seen], snr[seen]
-    order = np.argsort(cells.r, kind="stable")
-    cells, rcs, snr = cells[order], rcs[order], snr[order]
-    keep, shoulder, shared = _suppress(cells, rcs, beam)
+    seen = np.flatnonzero((rcs - noise > DETECTION_DB) & (rcs > floor))
+    seen = seen[np.argsort(cells.r[seen], kind="stable")]
+    cells, rcs, snr = cells[seen], rcs[seen], (rcs - noise)[seen]
+    keep, shoulder, rivalry = _suppress(cells, rcs, beam, rng)
     cells, rcs, snr = cells[keep], rcs[keep], snr[keep]
-    blur = 10 ** ((20.0 - snr) / 20)
     n = len(rcs)
-    r = cells.r + 0.5 * sensor.range_std(cells.r) * np.hypot(0.5, blur) * rng.normal(size=n)
-    spread = sensor.azimuth_std(np.full(n, 200.0 if beam.far else 20.0), cells.azimuth)
-    azimuth = cells.azimuth + 0.3 * spread * np.hypot(0.5, blur) * rng.normal(size=n)
-    wobble = _WOBBLE * rng.standard_t(3, n)
-    speed = cells.speed + sensor.velocity_std * blur * rng.normal(size=n) + wobble
-    order = np.argsort(r, kind="stable")
-    return Echoes(r, azimuth, speed, rcs, snr, shoulder[keep], shared[keep], cells.motion)[order]
+    typical = np.full(n, beam.typical_m)
+    growth = 10 ** ((_NOMINAL_DB - snr) / 20)
+    spread = np.hypot(0.5, growth)
+    r = cells.r + beam.range_error * sensor.range_std(typical) * spread * rng.normal(size=n)
+    azimuth_std = sensor.azimuth_std(typical, cells.azimuth)
+    azimuth = cells.azimuth + beam.azimuth_error * azimuth_std * spread * rng.normal(size=n)
+    speed = cells.speed + sensor.velocity_std * growth * rng.normal(size=n)
+    speed += _WOBBLE * rng.standard_t(1.7, n)
+    echoes = Echoes(
+        r, azimuth, speed, rcs, snr, shoulder[keep], rivalry[keep], cells.motion, cells.chance
+    )
+    return echoes[np.argsort(r, kind="stable")]
 
 
 def _complex_normal(rng: np.random.Generator, n: int) -> NDArray[np.complex128]:
@@ -171,59 +268,91 @@ def _complex_normal(rng: np.random.Generator, n: int) -> NDArray[np.complex128]:
     return result
 
 
-def _resolve(points: Points, beam: Beam, sensor: RadarSensor) -> Points:
-    """Return one point a resolution cell: fields add up, the place is weighted by power."""
-    where = np.full(len(points.r), 200.0 if beam.far else 20.0)
-    width = sensor.azimuth_resolution(where, points.azimuth)
+def _field(points: Points, beam: Beam) -> NDArray[np.complex128]:
+    """Return the complex amplitudes of the points: steady share, speckle, carrier."""
+    waves = np.exp(1j * beam.pitch * points.turn).sum(axis=1) / np.sqrt(points.turn.shape[1])
+    steady = beam.calm * points.steady
+    shape = np.sqrt(steady) + np.sqrt(1 - steady) * waves
+    result: NDArray[np.complex128] = (
+        points.amplitude * shape * np.exp(-2j * beam.wave_number * points.r)
+    )
+    return result
+
+
+def _resolve(points: Points, beam: Beam, sensor: RadarSensor) -> Cells:
+    """Return one entry a resolution cell: fields add up, the place is weighted by power."""
+    field = _field(points, beam)
+    typical = np.full(len(field), beam.typical_m)
     bins = (
-        np.floor(points.r / float(sensor.range_resolution(where[:1])[0])),
-        np.floor(points.speed / float(sensor.velocity_resolution(where[:1])[0])) + 2048,
-        np.floor(points.azimuth / width) + 512,
+        np.floor(points.r / sensor.range_resolution(typical)),
+        np.floor(points.speed / sensor.velocity_resolution(typical)) + 2048,
+        np.floor(points.azimuth / sensor.azimuth_resolution(typical, points.azimuth)) + 512,
     )
     key = (bins[0] * 4096 + bins[1]) * 1024 + bins[2]
     order = np.argsort(key, kind="stable")
-    points, key = points[order], key[order]
-    first = np.flatnonzero(np.append(True, key[1:] != key[:-1])) if len(key) else order
-    if len(first) == 0:
-        return points
-    weight = np.abs(points.field) ** 2 + 1e-12
+    cells = Cells(points.r, points.azimuth, points.speed, field, points.motion, points.chance)[
+        order
+    ]
+    if len(order) == 0:
+        return cells
+    new = np.append(True, np.diff(key[order]) > 0)
+    first = np.flatnonzero(new)
+    weight = np.abs(cells.field) ** 2 + 1e-12
     total = np.add.reduceat(weight, first)
-    r, az, v = (
+    r, azimuth, speed = (
         np.add.reduceat(weight * value, first) / total
-        for value in (points.r, points.azimuth, points.speed)
+        for value in (cells.r, cells.azimuth, cells.speed)
     )
-    field = np.add.reduceat(points.field, first)
-    group = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(key))))
-    loudest = first.copy()
     by_weight = np.argsort(weight, kind="stable")
-    loudest[group[by_weight]] = by_weight
-    return Points(r, az, v, field, points.motion[loudest])
+    loudest = first.copy()
+    loudest[(np.cumsum(new) - 1)[by_weight]] = by_weight
+    summed = np.add.reduceat(cells.field, first)
+    return Cells(r, azimuth, speed, summed, cells.motion[loudest], cells.chance[loudest])
+
+
+def _with_false_alarms(cells: Cells, beam: Beam, rng: np.random.Generator) -> Cells:
+    """Add peaks of the noise just above the threshold, a few in ten scans, anywhere."""
+    n = int(rng.poisson(_FALSE_ALARMS))
+    r = beam.range_max * np.sqrt(rng.random(n))
+    azimuth = beam.half_width * rng.uniform(-1, 1, n)
+    level = noise_db(beam, r, azimuth) + DETECTION_DB + rng.exponential(1.5, n)
+    alarms = Cells(
+        r,
+        azimuth,
+        rng.uniform(-30, 15, n),
+        (10 ** (level / 20)).astype(complex),
+        np.full(n, Motion.MOVING, np.uint8),
+        rng.random(n),
+    )
+    columns = ((getattr(cells, f.name), getattr(alarms, f.name)) for f in fields(Cells))
+    return Cells(*(np.concatenate(pair) for pair in columns))
 
 
 def _suppress(
-    cells: Points, rcs: Floats, beam: Beam
-) -> tuple[NDArray[np.bool_], Floats, NDArray[np.bool_]]:
-    """Return which cells are reported, their shoulders (dB), and which share a range-Doppler bin.
+    cells: Cells, rcs: Floats, beam: Beam, rng: np.random.Generator
+) -> tuple[NDArray[np.bool_], Floats, Floats]:
+    """Return which cells are reported, their shoulders and their rivalry (dB, see ``Echoes``).
 
-    A bin gives one echo; a second one of another direction only where it is nearly as strong.
-    ``cells`` are sorted by range, so only a few next ones can be near.
+    A range and Doppler bin gives one direction, and of rivals now this one wins, now that; a
+    second one is given only where it is nearly as strong. ``cells`` are sorted by range, so only
+    a few next ones can be near.
     """
     n = len(rcs)
-    bin_m = 1.9 if beam.far else 0.75
-    covered, shared, shoulder = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
+    covered, shoulder, rivalry = np.zeros(n, bool), np.zeros(n), np.full(n, -np.inf)
+    luck = rcs + rng.normal(0, _LUCK_DB, n)
     for step in range(1, n):
         one, other = slice(0, n - step), slice(step, n)
         gap = cells.r[other] - cells.r[one]
-        if gap.min() > 2 * bin_m:
+        if gap.min() > 2 * beam.bin_m:
             break
-        alike = (np.abs(cells.speed[other] - cells.speed[one]) < 0.14) & (gap < 2 * bin_m)
+        alike = (np.abs(cells.speed[other] - cells.speed[one]) < 0.14) & (gap < 2 * beam.bin_m)
         apart = np.abs(cells.azimuth[other] - cells.azimuth[one]) > np.radians(3.5)
-        same_bin = alike & (gap < bin_m)
-        margin = np.where(apart, 3.0, 0.8)
-        stronger = rcs[other] - rcs[one]
-        for mine, excess in ((one, stronger), (other, -stronger)):
-            covered[mine] |= same_bin & (excess > margin)
-            shared[mine] |= same_bin & apart
+        same_bin = alike & (gap < beam.bin_m)
+        stronger, luckier = rcs[other] - rcs[one], luck[other] - luck[one]
+        for mine, excess, lead in ((one, stronger, luckier), (other, -stronger, -luckier)):
+            covered[mine] |= same_bin & np.where(apart, lead > 1.2, excess > 0.8)
             beside = np.where(alike & ~apart, excess, 0.0)
             shoulder[mine] = np.maximum(shoulder[mine], beside)
-    return ~covered, shoulder, shared
+            rival = np.where(same_bin & apart, excess, -np.inf)
+            rivalry[mine] = np.maximum(rivalry[mine], rival)
+    return ~covered, shoulder, rivalry

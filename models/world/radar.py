@@ -95,11 +95,10 @@ class WorldRadar:
         rng = DrawKey(self.world.seed, self.sensor, sequence).generator("scan")
         antenna = self.antenna(t_s)
         points = self.points(t_s)
-        near, far = (
-            describe(measure(points, beam, self.description, rng), beam, antenna, rng)
-            for beam in (NEAR, FAR)
-        )
         sensor = self.description
+        first, second = (measure(points, beam, sensor, rng) for beam in (NEAR, FAR))
+        near = describe(first, NEAR, antenna, np.ones(len(first), bool), rng)
+        far = describe(second, FAR, antenna, second.confirmed_by(first), rng)
         cap = sensor.max_clusters_with_quality if self.quality else sensor.max_clusters
         n_near = min(len(near["x"]), cap)
         n_far = min(len(far["x"]), cap - n_near)

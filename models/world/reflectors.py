@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from models.world.objects import Floats, Kind, Objects
 
 _WAVES = 3
+_COLUMNS = 9 + _WAVES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +39,8 @@ class Reflectors:
         (N, 3, 2) wave vectors of the speckle, rad per metre of displacement.
     phases:
         (N, 3) phases of the speckle, rad.
+    chance:
+        Unchanging number of the point, uniform on [0, 1), by which the sensor judges it.
     """
 
     owner: NDArray[np.intp]
@@ -49,6 +52,7 @@ class Reflectors:
     steady: Floats
     waves: Floats
     phases: Floats
+    chance: Floats
 
     def __len__(self) -> int:
         return len(self.x)
@@ -69,6 +73,7 @@ class Reflectors:
             self.steady,
             self.waves,
             self.phases,
+            self.chance,
         )
 
 
@@ -140,6 +145,7 @@ def reflectors(
         steady,
         np.stack([size * np.cos(turn), size * np.sin(turn)], axis=-1),
         2 * np.pi * u[:, 8 : 8 + _WAVES],
+        u[:, 8 + _WAVES],
     )
 
 
@@ -178,7 +184,7 @@ def _outline(
 
 
 def _hashed(look: NDArray[np.uint32], nth: NDArray[np.intp]) -> Floats:
-    """Return (N, 11) numbers uniform on [0, 1) that depend on ``look`` and ``nth`` alone.
+    """Return (N, 12) numbers uniform on [0, 1) that depend on ``look`` and ``nth`` alone.
 
     Multiply and xor-shift, after the finaliser of SplitMix64 (Steele, Lea, Flood, "Fast
     splittable pseudorandom number generators", OOPSLA 2014).
@@ -186,8 +192,8 @@ def _hashed(look: NDArray[np.uint32], nth: NDArray[np.intp]) -> Floats:
     first, second, third = (np.uint64(n) for n in (30, 27, 31))
     with np.errstate(over="ignore"):
         start = (look.astype(np.uint64) << np.uint64(16)) + nth.astype(np.uint64)
-        columns = np.arange(1, 9 + _WAVES, dtype=np.uint64)
-        state: NDArray[np.uint64] = start[:, None] * np.uint64(8 + _WAVES) + columns
+        columns = np.arange(1, 1 + _COLUMNS, dtype=np.uint64)
+        state: NDArray[np.uint64] = start[:, None] * np.uint64(_COLUMNS) + columns
         state *= np.uint64(0x9E3779B97F4A7C15)
         state = (state ^ (state >> first)) * np.uint64(0xBF58476D1CE4E5B9)
         state = (state ^ (state >> second)) * np.uint64(0x94D049BB133111EB)

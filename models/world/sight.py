@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 from models.world.echoes import Motion, Points
 from models.world.objects import Floats, Kind, Objects
 from models.world.reflectors import Reflectors
-
-WAVE_NUMBER = 2 * np.pi / 0.0039
-"""Of 77 GHz, rad/m."""
 
 _SPAN = np.radians(76.0)
 _RAYS = 153
@@ -22,6 +19,7 @@ _BEHIND_SOLID, _BEHIND_BODY = 0.2, 0.5
 _DEPTH = 0.7
 _CLOSE_M = 20.0
 _FAINT = 10 ** (-16 / 20)
+_MIRRORING, _TWICE = 10 ** (12 / 20), 10 ** (-24 / 20)
 _SLOPE = np.tan(np.radians(75.0))
 
 
@@ -79,19 +77,36 @@ def look(antenna: Antenna, reflectors: Reflectors, objects: Objects, first_mobil
     reflectors = reflectors[seen]
     ahead, left, r, dx, dy, facing = (a[seen] for a in (ahead, left, r, dx, dy, facing))
     azimuth = np.arctan2(left, ahead)
-    field = reflectors.amplitude * _speckle(reflectors, dx, dy)
-    field *= (r**2 / (r**2 + _CLOSE_M**2)) ** 0.75
-    field *= np.sqrt(np.minimum(facing + 0.1, 1.0)) * _shadow(antenna, objects, r, azimuth)
+    amplitude = reflectors.amplitude * (r**2 / (r**2 + _CLOSE_M**2)) ** 0.75
+    amplitude *= np.sqrt(np.minimum(facing + 0.1, 1.0)) * _shadow(antenna, objects, r, azimuth)
     vx, vy = objects.vx[reflectors.owner], objects.vy[reflectors.owner]
     over_ground = (vx * dx + vy * dy) / r
-    pace = np.hypot(vx, vy)
-    return Points(
+    waves = reflectors.waves
+    direct = Points(
         r,
         azimuth,
         over_ground - (antenna.ahead * ahead + antenna.left * left) / r,
-        field * np.exp(-2j * WAVE_NUMBER * r),
-        _motion(pace, over_ground, reflectors.owner >= first_mobile),
+        amplitude,
+        reflectors.steady,
+        reflectors.phases + waves[..., 0] * dx[:, None] + waves[..., 1] * dy[:, None],
+        _motion(np.hypot(vx, vy), over_ground, reflectors.owner >= first_mobile),
+        reflectors.chance,
     )
+    return _with_mirrored(direct)
+
+
+def _with_mirrored(points: Points) -> Points:
+    """Add what went to and fro twice between a strong near target and the ego's own front."""
+    strong = points[(points.r < 45) & (points.amplitude > _MIRRORING)]
+    twice = replace(
+        strong,
+        r=2 * strong.r,
+        speed=2 * strong.speed,
+        amplitude=strong.amplitude * _TWICE,
+        motion=np.full(len(strong.r), Motion.MIRRORED, np.uint8),
+    )
+    pairs = ((getattr(points, f.name), getattr(twice, f.name)) for f in fields(Points))
+    return Points(*(np.concatenate(pair) for pair in pairs))
 
 
 def _motion(pace: Floats, over_ground: Floats, mobile: NDArray[np.bool_]) -> NDArray[np.uint8]:
@@ -100,14 +115,6 @@ def _motion(pace: Floats, over_ground: Floats, mobile: NDArray[np.bool_]) -> NDA
     motion[pace > 0.3] = Motion.MOVING
     motion[(pace > 0.3) & (np.abs(over_ground) < 0.7 * pace)] = Motion.CROSSING
     return motion.astype(np.uint8)
-
-
-def _speckle(points: Reflectors, dx: Floats, dy: Floats) -> NDArray[np.complex128]:
-    """Return the complex factor, of mean power 1, by which amplitudes vary with the aspect."""
-    turn = points.phases + points.waves[..., 0] * dx[:, None] + points.waves[..., 1] * dy[:, None]
-    waves = np.exp(1j * turn).sum(axis=1) / np.sqrt(turn.shape[1])
-    result: NDArray[np.complex128] = np.sqrt(points.steady) + np.sqrt(1 - points.steady) * waves
-    return result
 
 
 def _shadow(antenna: Antenna, objects: Objects, r: Floats, azimuth: Floats) -> Floats:

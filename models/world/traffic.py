@@ -164,10 +164,10 @@ def _land(route: Route, s: Floats) -> NDArray[np.uint8]:
 
 def _oncoming(rng: np.random.Generator, route: Route, drive: Drive, duration: float) -> Tracks:
     """Return oncoming vehicles by when they meet the ego; thinner where the road is quieter."""
-    t0 = _times(rng, duration, 2.0)
+    t0 = _times(rng, duration, 3.0)
     s0 = drive.at(t0)[0]
     land = _land(route, s0)
-    keep = rng.random(len(t0)) < np.array([0.6, 0.4, 1.0])[land]
+    keep = rng.random(len(t0)) < np.array([0.4, 0.3, 0.8])[land]
     t0, s0, land = t0[keep], s0[keep], land[keep]
     inner = route.lookup(route.inner, s0)
     room = route.lookup(route.outer, s0) - inner - LANE
@@ -201,7 +201,7 @@ def _slot(rng: np.random.Generator, drive: Drive, duration: float, lane: int, pl
     """Return those who, one after another, drive ``place`` vehicles ahead of the ego in a lane."""
     count = int((duration + 2 * _LIFE) / 25) + 2
     stay = rng.uniform(25, 80, count)
-    t1 = np.cumsum(stay + rng.exponential(25.0, count)) - 2 * _LIFE
+    t1 = np.cumsum(stay + rng.exponential(12.0, count)) - 2 * _LIFE
     t0 = t1 - stay
     free = np.ones(count, bool)
     for stop in drive.stops:
@@ -233,7 +233,7 @@ def _pedestrians(rng: np.random.Generator, route: Route, drive: Drive, duration:
 
 def _at_light(rng: np.random.Generator, route: Route, stop: Stop) -> Tracks:
     """Return side traffic and people who cross before the standing ego."""
-    cars = stop.start + np.cumsum(rng.exponential(2.0, 12))
+    cars = stop.start + np.cumsum(rng.exponential(1.8, 14))
     cars = cars[cars < stop.end - 2]
     walkers = rng.uniform(stop.start + 1, max(stop.end - 4, stop.start + 2), rng.integers(0, 5))
     kind = np.concatenate([_kinds(rng, len(cars)), np.full(len(walkers), Kind.PEDESTRIAN)])
