@@ -8,16 +8,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from threading import Event, Thread
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from dbc.errors import InputError
+from drivers.frame_sink import PIPE_PREFIX
 from node.control import ControlServer
 from node.gateway_levels import GatewayLevels
 from node.gateway_scene import GatewayScene
 from node.scene import SensorType
+from node.sources import is_can_bus
 
 if TYPE_CHECKING:
     from node.gateway_bus import CanLink
@@ -29,7 +30,7 @@ CLOSE_S = 10.0
 
 def sensor_type_of(target: str) -> SensorType:
     """Tell by its output what a gateway passes on: a camera's frames or a radar's."""
-    if target == "-" or target.startswith(("pipe:", "/dev/")) or Path(target).suffix:
+    if target == "-" or target.startswith(PIPE_PREFIX) or not is_can_bus(target):
         return "camera"
     return "radar"
 

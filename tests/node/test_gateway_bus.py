@@ -19,7 +19,7 @@ from drivers.can_frames import CanFrames, concatenate
 from drivers.candump import write_candump
 from drivers.scan import RadarScan
 from node.control import ControlError, running_gateways, set_level
-from node.gateway import Gateway
+from node.gateway import Gateway, sensor_type_of
 from node.gateway_scene import GatewayScene, build_gateway_scene
 from node.pytest_plugin import OpenGateway, StartReplay
 from tests.node.gateway_stream import merged, other_frames, radar_frames, wire
@@ -66,6 +66,23 @@ def eventually(condition: Callable[[], bool]) -> bool:
 def clusters_of(frames: CanFrames) -> list[int]:
     items = ScanAssembler({0: "radar"}).feed(frames)
     return [len(item) for item in items if isinstance(item, RadarScan)]
+
+
+@pytest.mark.parametrize(
+    ("target", "sensor_type"),
+    [
+        ("can0", "radar"),
+        ("virtual:b.1", "radar"),
+        ("udp_multicast:239.74.163.2", "radar"),
+        ("-", "camera"),
+        ("pipe:frames", "camera"),
+        ("/dev/video2", "camera"),
+        ("out/x.mp4", "camera"),
+        ("x.avi", "camera"),
+    ],
+)
+def test_the_output_tells_what_passes(target: str, sensor_type: str) -> None:
+    assert sensor_type_of(target) == sensor_type
 
 
 def test_a_wire_and_then_a_worse_radar(buses: tuple[str, str, CanBus, CanBus]) -> None:
@@ -201,12 +218,20 @@ def test_a_bad_log_fails_the_test_that_replays_it(tmp_path: Path) -> None:
     assert "bad.log:1: no CAN frame" in result.stdout
 
 
-def test_the_plugin_loads_nothing_heavy() -> None:
-    code = (
-        "import sys, node.pytest_plugin;"
-        "print([m for m in ('numpy', 'can', 'cv2', 'pydantic', 'typer') if m in sys.modules])"
-    )
+@pytest.mark.parametrize(
+    ("code", "heavy"),
+    [
+        ("import node.pytest_plugin", ("numpy", "can", "cv2", "pydantic", "typer")),
+        (
+            "from node.gateway import *; from node.gateway_scene import *;"
+            "Gateway(build_gateway_scene(None, 'radar', 'virtual:a'), 'virtual:b').stop()",
+            ("cv2", "av", "onnxruntime", "matplotlib", "scipy"),
+        ),
+    ],
+)
+def test_nothing_is_loaded_that_is_not_needed(code: str, heavy: tuple[str, ...]) -> None:
+    told = f"import sys; {code}; print([name for name in {heavy} if name in sys.modules])"
     result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        [sys.executable, "-c", told], capture_output=True, text=True, check=True
     )
     assert result.stdout == "[]\n"
