@@ -26,6 +26,10 @@ BACK_OFF_S = 0.2
 """How long to wait before a bus that went down is tried again."""
 
 
+_ONE_FOR_ALL = "udp_multicast:"
+"""python-can binds all groups to one port, and Linux delivers to it what any of them gets."""
+
+
 class LastingBus:
     """A CAN bus that may go down and come back; one thread may read it while another sends.
 
@@ -135,7 +139,7 @@ class CanLink:
     DeviceError
         If a bus cannot be opened.
     InputError
-        If both are the same.
+        If both are the same, or hear each other.
     """
 
     def __init__(
@@ -151,6 +155,9 @@ class CanLink:
         source = scene.sensor.source
         if source == target:
             raise InputError(target, "is input and output", "give two buses")
+        if source.startswith(_ONE_FOR_ALL) and target.startswith(_ONE_FOR_ALL):
+            what = "hears every other group of this computer too, the input's among them"
+            raise InputError(target, what, "give another kind of bus for one of the two")
         self._core = CanGateway(scene.sensor, levels, scene.seed, low_latency=low_latency)
         self._duration_s = scene.duration_s
         self._both_ways = both_ways

@@ -168,6 +168,8 @@ def test_nothing_is_left_half_open(buses: tuple[str, str, CanBus, CanBus]) -> No
         Gateway(scene(before), "nonsense:x")
     with pytest.raises(InputError, match="is input and output"):
         Gateway(scene(before), before)
+    with pytest.raises(InputError, match="hears every other group"):
+        Gateway(scene("udp_multicast:239.74.163.2"), "udp_multicast:239.74.163.3")
     with Gateway(scene(before), after), pytest.raises(ControlError, match="already"):
         Gateway(scene(before), after)
     assert running_gateways() == []
