@@ -7,13 +7,8 @@ from threading import Lock
 
 from dbc.errors import SceneError
 from models.degrade.kinds import KINDS
-from node.camera_faults import CAMERA_FAULTS
 from node.injector import Injector
-from node.link_faults import LINK_FAULTS
-from node.scene import Injection, Sensor
-
-FAULTS: dict[str, tuple[str, ...]] = {"camera": CAMERA_FAULTS, "radar": LINK_FAULTS}
-"""Faults that a gateway can make, by sensor type."""
+from node.scene import FAULTS, Injection, Sensor
 
 
 class GatewayLevels:

@@ -7,10 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from dbc.errors import SceneError
-from node.gateway_levels import FAULTS
 from node.scene import (
     Injection,
     Scene,
@@ -78,7 +75,6 @@ def build_gateway_scene(
     """
     content: dict[str, Any] = read_scene_file(scene_file) if scene_file else {}
     where = scene_file or "flags"
-    tables = content.pop("faults", [])
     if scene_file is None:
         content["sensors"] = [
             {
@@ -91,16 +87,16 @@ def build_gateway_scene(
     flags = {"seed": seed, "duration_s": duration_s}
     content |= {key: value for key, value in flags.items() if value is not None}
     content["injections"] = [*content.get("injections", []), *map(parse_injection, inject)]
-    scene = check_scene(content, where)
-    sensor = _choose(scene, sensor_type, name, where)
+    sensor = _choose(check_scene(content, where), sensor_type, name, where)
+    given = [_parse_fault(flag, sensor.name) for flag in fault]
+    scene = check_scene(content | {"faults": [*content.get("faults", []), *given]}, where)
     changes: dict[str, Any] = {"source": source}
     if sensor_id is not None:
         changes["sensor_id"] = sensor_id
-    given = [_parse_fault(flag, sensor.name) for flag in fault]
     return GatewayScene(
         sensor=sensor.model_copy(update=changes),
         injections=tuple(one for one in scene.injections if one.sensor == sensor.name),
-        faults=_check_faults([*tables, *given], scene, sensor, where),
+        faults=tuple(one for one in scene.faults if one.sensor == sensor.name),
         seed=scene.seed,
         duration_s=scene.duration_s,
     )
@@ -127,32 +123,3 @@ def _parse_fault(flag: str, sensor: str) -> dict[str, Any]:
     except ValueError:
         expected = "expected FAULT:RATE, for example drop:5"
         raise SceneError(f"--fault {flag}", "is not a fault", expected) from None
-
-
-def _check_faults(
-    tables: Sequence[Any], scene: Scene, sensor: Sensor, where: object
-) -> tuple[Injection, ...]:
-    """Check the faults of all the scene's sensors, and return those of one."""
-    types = {one.name: one.type for one in scene.sensors}
-    faults: dict[str, Injection] = {}
-    for number, table in enumerate(tables):
-        place = f"{where}: faults.{number}"
-        try:
-            fault = Injection.model_validate(table)
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            field = ".".join(["", *map(str, first["loc"])])
-            what = first["msg"].removeprefix("Value error, ")
-            raise SceneError(place + field, what, "see docs/scene.md") from None
-        if fault.sensor not in types:
-            what = f"fault of '{fault.sensor}', but the sensors are {', '.join(types)}"
-            raise SceneError(place, what, "see docs/scene.md")
-        kinds = FAULTS[types[fault.sensor]]
-        if fault.kind not in kinds:
-            what = f"a {types[fault.sensor]} has no fault '{fault.kind}'"
-            raise SceneError(place, what, f"it has {', '.join(kinds)}")
-        if fault.sensor == sensor.name:
-            if fault.kind in faults:
-                raise SceneError(place, f"{fault.kind} is given twice", "give each fault once")
-            faults[fault.kind] = fault
-    return tuple(faults.values())

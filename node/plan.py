@@ -118,6 +118,8 @@ def _scene_stages(scene: Scene) -> Iterator[Stage]:
     for missing in ("camera", "radar"):
         if all(sensor.type != missing for sensor in scene.sensors):
             yield Stage(missing, None, False, f"the scene has no {missing}")
+    if scene.faults:
+        yield Stage("faults", None, False, "only murk gateway makes them")
     picture = scene.outputs.picture
     yield Stage(
         "picture",

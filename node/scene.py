@@ -7,7 +7,7 @@ field that is wrong.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -23,10 +23,15 @@ from pydantic import (
 
 from dbc.errors import SceneError
 from models.degrade.kinds import KINDS
+from node.camera_faults import CAMERA_FAULTS
+from node.link_faults import LINK_FAULTS
 
 SensorType = Literal["radar", "camera"]
 WORLD = "world"
 """The source that is the simulated world."""
+
+FAULTS: dict[str, tuple[str, ...]] = {"camera": CAMERA_FAULTS, "radar": LINK_FAULTS}
+"""Faults that a gateway can make, by sensor type."""
 
 Level = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -129,7 +134,7 @@ class Outputs(_Strict):
 
 
 class Scene(_Strict):
-    """Everything a run needs to know."""
+    """Everything a run needs to know; ``faults``, with rates for levels, only a gateway makes."""
 
     name: str = "scene"
     seed: Annotated[int, Field(ge=0)] = 0
@@ -137,6 +142,7 @@ class Scene(_Strict):
     clock: Clock = Clock()
     sensors: Annotated[tuple[Sensor, ...], Field(min_length=1)]
     injections: tuple[Injection, ...] = ()
+    faults: tuple[Injection, ...] = ()
     outputs: Outputs = Outputs()
 
     @model_validator(mode="after")
@@ -144,24 +150,31 @@ class Scene(_Strict):
         types = {sensor.name: sensor.type for sensor in self.sensors}
         if len(types) < len(self.sensors):
             raise ValueError("two sensors have the same name")
-        for injection in self.injections:
-            if injection.sensor not in types:
-                raise ValueError(
-                    f"injection into '{injection.sensor}', but the sensors are {_list(types)}"
-                )
-            kinds = KINDS[types[injection.sensor]]
-            if injection.kind not in kinds:
-                raise ValueError(
-                    f"a {types[injection.sensor]} has no kind '{injection.kind}'; "
-                    f"it has {_list(kinds)}"
-                )
-        pairs = [(injection.sensor, injection.kind) for injection in self.injections]
-        if len(set(pairs)) < len(pairs):
-            raise ValueError("two injections of the same kind into the same sensor")
+        _check_kinds(self.injections, types, "injection", KINDS)
+        _check_kinds(self.faults, types, "fault", FAULTS)
         return self
 
 
-def _list(names: Sequence[str] | dict[str, Any]) -> str:
+def _check_kinds(
+    entries: tuple[Injection, ...],
+    types: dict[str, SensorType],
+    word: str,
+    known: Mapping[str, tuple[str, ...]],
+) -> None:
+    for entry in entries:
+        if entry.sensor not in types:
+            raise ValueError(f"{word} into '{entry.sensor}', but the sensors are {_list(types)}")
+        sensor_type = types[entry.sensor]
+        if entry.kind not in known[sensor_type]:
+            raise ValueError(
+                f"a {sensor_type} has no {word} '{entry.kind}'; it has {_list(known[sensor_type])}"
+            )
+    pairs = [(entry.sensor, entry.kind) for entry in entries]
+    if len(set(pairs)) < len(pairs):
+        raise ValueError(f"two {word}s of the same kind into the same sensor")
+
+
+def _list(names: Sequence[str] | Mapping[str, Any]) -> str:
     return ", ".join(f"'{name}'" for name in names)
 
 

@@ -27,19 +27,19 @@ echo 8388608 > /proc/sys/net/core/rmem_default
 
 mount -t 9p -o trans=virtio,version=9p2000.L,msize=512000,cache=loose,ro root /host
 mount -t tmpfs tmpfs /overlay
-mkdir /overlay/upper /overlay/work
-mount -t overlay -o lowerdir=/host,upperdir=/overlay/upper,workdir=/overlay/work overlay /root
-mkdir -p /root/share /dev/shm /dev/pts
-mount -t 9p -o trans=virtio,version=9p2000.L,msize=512000 share /root/share
+mkdir /overlay/upper /overlay/scratch
+mount -t overlay -o lowerdir=/host,upperdir=/overlay/upper,workdir=/overlay/scratch overlay /newroot
+mkdir -p /newroot/share /dev/shm /dev/pts
+mount -t 9p -o trans=virtio,version=9p2000.L,msize=512000 share /newroot/share
 mount -t tmpfs tmpfs /dev/shm
 mount -t devpts devpts /dev/pts
-mount --rbind /dev /root/dev
-mount -t proc proc /root/proc
-mount -t sysfs sysfs /root/sys
-mount -t tmpfs tmpfs /root/run
+mount --rbind /dev /newroot/dev
+mount -t proc proc /newroot/proc
+mount -t sysfs sysfs /newroot/sys
+mount -t tmpfs tmpfs /newroot/run
 
 status=0
 output=/dev/$(ls /sys/class/virtio-ports)
-chroot /root /bin/sh /share/command > "$output" 2>&1 < /dev/null || status=$?
-echo $status > /root/share/status
+chroot /newroot /bin/sh /share/command > "$output" 2>&1 < /dev/null || status=$?
+echo $status > /newroot/share/status
 poweroff -f

@@ -132,7 +132,7 @@ def decompress(image: bytes) -> bytes:
 def make_initramfs(modules: Sequence[Path], scratch: Path) -> Path:
     """Pack busybox, ``init.sh`` and ``modules``, which it loads in the order of their names."""
     tree = scratch / "initramfs"
-    for folder in ("bin", "dev", "proc", "sys", "modules", "host", "overlay", "root"):
+    for folder in ("bin", "dev", "proc", "sys", "modules", "host", "overlay", "newroot"):
         (tree / folder).mkdir(parents=True)
     shutil.copy(tool("busybox"), tree / "bin" / "busybox")
     shutil.copy(INIT, tree / "init")
