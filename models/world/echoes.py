@@ -68,6 +68,9 @@ class Beam:
         Factor on the reflectors' steady share.
     range_error, azimuth_error:
         Standard deviation of an echo of ``_NOMINAL_DB``, as a share of the data sheet's accuracy.
+    range_bias, azimuth_bias:
+        Standard deviation, over reflectors, of where this scan finds a reflector against where
+        the near scan does, m and rad; it stays as it is from scan to scan.
     """
 
     far: bool
@@ -85,6 +88,8 @@ class Beam:
     calm: float
     range_error: float
     azimuth_error: float
+    range_bias: float
+    azimuth_bias: float
 
 
 NEAR = Beam(
@@ -103,6 +108,8 @@ NEAR = Beam(
     calm=1.0,
     range_error=0.8,
     azimuth_error=0.45,
+    range_bias=0.0,
+    azimuth_bias=0.0,
 )
 
 FAR = Beam(
@@ -121,6 +128,8 @@ FAR = Beam(
     calm=0.3,
     range_error=1.0,
     azimuth_error=0.8,
+    range_bias=0.4,
+    azimuth_bias=np.radians(0.45),
 )
 
 
@@ -250,9 +259,12 @@ def measure(points: Points, beam: Beam, sensor: RadarSensor, rng: np.random.Gene
     typical = np.full(n, beam.typical_m)
     growth = 10 ** ((_NOMINAL_DB - snr) / 20)
     spread = np.hypot(0.5, growth)
-    r = cells.r + beam.range_error * sensor.range_std(typical) * spread * rng.normal(size=n)
-    azimuth_std = sensor.azimuth_std(typical, cells.azimuth)
-    azimuth = cells.azimuth + beam.azimuth_error * azimuth_std * spread * rng.normal(size=n)
+    lasting = np.sqrt(12) * (np.outer((1013.0, 1523.0), cells.chance) % 1.0 - 0.5)
+    r = cells.r + beam.range_bias * lasting[0]
+    azimuth = cells.azimuth + beam.azimuth_bias * lasting[1]
+    r += beam.range_error * sensor.range_std(typical) * spread * rng.normal(size=n)
+    deviates = rng.normal(size=n)
+    azimuth += beam.azimuth_error * sensor.azimuth_std(typical, azimuth) * spread * deviates
     speed = cells.speed + sensor.velocity_std * growth * rng.normal(size=n)
     speed += _WOBBLE * rng.standard_t(1.7, n)
     echoes = Echoes(
