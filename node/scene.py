@@ -150,28 +150,31 @@ class Scene(_Strict):
         types = {sensor.name: sensor.type for sensor in self.sensors}
         if len(types) < len(self.sensors):
             raise ValueError("two sensors have the same name")
-        _check_kinds(self.injections, types, "injection", KINDS)
-        _check_kinds(self.faults, types, "fault", FAULTS)
+        _check_kinds("injections", self.injections, types, KINDS)
+        _check_kinds("faults", self.faults, types, FAULTS)
         return self
 
 
 def _check_kinds(
+    table: Literal["injections", "faults"],
     entries: tuple[Injection, ...],
     types: dict[str, SensorType],
-    word: str,
     known: Mapping[str, tuple[str, ...]],
 ) -> None:
-    for entry in entries:
+    word = "kind" if table == "injections" else "fault"
+    seen: set[tuple[str, str]] = set()
+    for number, entry in enumerate(entries):
+        place = f"{table}.{number}: "
         if entry.sensor not in types:
-            raise ValueError(f"{word} into '{entry.sensor}', but the sensors are {_list(types)}")
+            what = f"{word} of '{entry.sensor}', but the sensors are {_list(types)}"
+            raise ValueError(place + what)
         sensor_type = types[entry.sensor]
         if entry.kind not in known[sensor_type]:
-            raise ValueError(
-                f"a {sensor_type} has no {word} '{entry.kind}'; it has {_list(known[sensor_type])}"
-            )
-    pairs = [(entry.sensor, entry.kind) for entry in entries]
-    if len(set(pairs)) < len(pairs):
-        raise ValueError(f"two {word}s of the same kind into the same sensor")
+            what = f"a {sensor_type} has no {word} '{entry.kind}'; it has "
+            raise ValueError(place + what + _list(known[sensor_type]))
+        if (entry.sensor, entry.kind) in seen:
+            raise ValueError(f"{place}{entry.kind} is given twice")
+        seen.add((entry.sensor, entry.kind))
 
 
 def _list(names: Sequence[str] | Mapping[str, Any]) -> str:
