@@ -116,9 +116,10 @@ class VideoLink:
     def _read_all(self) -> None:
         """Read, degrade and queue frames until the input ends or the run is stopped."""
         first_stamp_ns = started_ns = last_due_ns = last_stamp_ns = 0
-        for frame in self._source.messages():
+        for message in self._source.messages():
+            frame = message.frame if isinstance(message, Lost) else message
             if not isinstance(frame, Frame):
-                self._counts["camera_lost"] += isinstance(frame, Lost)
+                self._counts["camera_lost"] += isinstance(message, Lost)
                 continue
             arrival_ns = time.monotonic_ns()
             if not self._counts["frames_in"]:

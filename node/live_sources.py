@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from dbc.errors import DeviceError
 from drivers.can_frames import CanFrames
+from drivers.frame import Frame
 from node.scene import Sensor
 
 if TYPE_CHECKING:
@@ -34,10 +35,13 @@ class Lost:
     ----------
     detail:
         One line for a person.
+    frame:
+        The frame that came all the same, where the picture is frozen.
     """
 
-    def __init__(self, detail: str) -> None:
+    def __init__(self, detail: str, frame: Frame | None = None) -> None:
         self.detail = detail
+        self.frame = frame
 
 
 class CanBusSource:
@@ -133,8 +137,8 @@ class LiveCameraSource:
         while not self._stop.is_set():
             try:
                 frame = next(self._camera)
-                frozen = self._camera.frozen
-                yield Lost(f"frozen for {frozen} frames") if frozen >= FROZEN_FRAMES else frame
+                frozen = self._camera.frozen >= FROZEN_FRAMES
+                yield Lost(f"the same picture {FROZEN_FRAMES} times", frame) if frozen else frame
             except StopIteration:
                 return
             except CameraStalled as stalled:
