@@ -18,6 +18,11 @@ from models.world.sight import Antenna
 _MOVING, _STATIONARY, _ONCOMING, _CANDIDATE, _UNKNOWN = 0, 1, 2, 3, 4
 _CROSSING_SLOWLY, _CROSSING, _STOPPED = 5, 6, 7
 
+_STANDS = np.isin(np.arange(8), (_STATIONARY, _CANDIDATE, _CROSSING_SLOWLY, _STOPPED))
+_MOVES = np.isin(np.arange(len(Motion)), (Motion.MOVING, Motion.CROSSING, Motion.MIRRORED))
+_PDH0 = np.array([1, 1, 1, 6, 3, 1, 6, 6, 1, 3, 3, 3, 3, 1, 1, 1, 1, 1], np.uint8)
+"""False-alarm class by InvalidState."""
+
 QUALITY = ("x_rms", "y_rms", "vx_rms", "vy_rms", "pdh0", "ambig_state", "invalid_state")
 """Fields that come with the quality frames."""
 
@@ -51,7 +56,7 @@ def describe(
     invalid, pdh0 = _validity(echoes, beam, confirmed, outside, rng)
     cos, sin = np.cos(echoes.azimuth), np.sin(echoes.azimuth)
     x, y = echoes.r * cos, echoes.r * sin
-    standing = np.isin(dyn, (_STATIONARY, _CANDIDATE, _CROSSING_SLOWLY, _STOPPED))
+    standing = _STANDS[dyn]
     vy = np.where(standing, -antenna.left - antenna.yaw_rate * x, 0.0)
     vx = (echoes.speed - vy * sin) / np.maximum(cos, 0.1)
     known = ~outside
@@ -90,7 +95,7 @@ def _dyn_prop(
     dyn = np.where(_dice(echoes, 1, rng) < doubt, _CANDIDATE, _STATIONARY)
     cos, sin = np.cos(echoes.azimuth), np.sin(echoes.azimuth)
     over_ground = echoes.speed + antenna.ahead * cos + antenna.left * sin
-    moving = np.isin(echoes.motion, (Motion.MOVING, Motion.CROSSING, Motion.MIRRORED))
+    moving = _MOVES[echoes.motion]
     dyn[moving] = np.where(over_ground[moving] < 0, _ONCOMING, _MOVING)
     crossing = (echoes.motion == Motion.CROSSING) & (echoes.r < 36)
     dyn[crossing] = np.where(np.abs(over_ground[crossing]) < 0.2, _CROSSING_SLOWLY, _CROSSING)
@@ -126,10 +131,7 @@ def _validity(
         state[(echoes.r < 50) & ~confirmed] = 3
     state[(echoes.motion == Motion.MIRRORED) & (w < 0.5)] = 6
     state[outside] = 7
-    pdh0 = np.ones(n, np.uint8)
-    pdh0[np.isin(state, (4, 9, 10, 11, 12))] = 3
-    pdh0[np.isin(state, (3, 6, 7))] = 6
-    return state, pdh0
+    return state, _PDH0[state]
 
 
 def _ambiguity(
@@ -138,7 +140,7 @@ def _ambiguity(
     """Return AmbigState: unambiguous, but for a third of what moves and for invalid clusters."""
     state = np.full(len(dyn), 3, np.uint8)
     u = _dice(echoes, 6, rng)
-    moving = np.isin(dyn, (_MOVING, _ONCOMING))
+    moving = (dyn == _MOVING) | (dyn == _ONCOMING)
     state[moving & (u < 0.40)] = 2
     state[moving & (u < 0.32)] = 1
     state[pdh0 == 6] = 0

@@ -282,12 +282,14 @@ def _complex_normal(rng: np.random.Generator, n: int) -> NDArray[np.complex128]:
 
 def _field(points: Points, beam: Beam) -> NDArray[np.complex128]:
     """Return the complex amplitudes of the points: steady share, speckle, carrier."""
-    waves = np.exp(1j * beam.pitch * points.turn).sum(axis=1) / np.sqrt(points.turn.shape[1])
+    turn = beam.pitch * points.turn
     steady = beam.calm * points.steady
-    shape = np.sqrt(steady) + np.sqrt(1 - steady) * waves
-    result: NDArray[np.complex128] = (
-        points.amplitude * shape * np.exp(-2j * beam.wave_number * points.r)
-    )
+    loose = np.sqrt((1 - steady) / turn.shape[1])
+    real = np.sqrt(steady) + loose * np.cos(turn).sum(axis=1)
+    imaginary = loose * np.sin(turn).sum(axis=1)
+    carrier = 2 * beam.wave_number * points.r
+    wave = np.cos(carrier) - 1j * np.sin(carrier)
+    result: NDArray[np.complex128] = points.amplitude * (real + 1j * imaginary) * wave
     return result
 
 
@@ -346,25 +348,29 @@ def _suppress(
     """Return which cells are reported, their shoulders and their rivalry (dB, see ``Echoes``).
 
     A range and Doppler bin gives one direction, and of rivals now this one wins, now that; a
-    second one is given only where it is nearly as strong. ``cells`` are sorted by range, so only
-    a few next ones can be near.
+    second one is given only where it is nearly as strong. ``cells`` are sorted by range.
     """
     n = len(rcs)
     covered, shoulder, rivalry = np.zeros(n, bool), np.zeros(n), np.full(n, -np.inf)
     luck = rcs + rng.normal(0, _LUCK_DB, n)
-    for step in range(1, n):
-        one, other = slice(0, n - step), slice(step, n)
-        gap = cells.r[other] - cells.r[one]
-        if gap.min() > 2 * beam.bin_m:
-            break
-        alike = (np.abs(cells.speed[other] - cells.speed[one]) < 0.14) & (gap < 2 * beam.bin_m)
-        apart = np.abs(cells.azimuth[other] - cells.azimuth[one]) > np.radians(3.5)
-        same_bin = alike & (gap < beam.bin_m)
-        stronger, luckier = rcs[other] - rcs[one], luck[other] - luck[one]
-        for mine, excess, lead in ((one, stronger, luckier), (other, -stronger, -luckier)):
-            covered[mine] |= same_bin & np.where(apart, lead > 1.2, excess > 0.8)
-            beside = np.where(alike & ~apart, excess, 0.0)
-            shoulder[mine] = np.maximum(shoulder[mine], beside)
-            rival = np.where(same_bin & apart, excess, -np.inf)
-            rivalry[mine] = np.maximum(rivalry[mine], rival)
+    one, other = _neighbours(cells.r, 2 * beam.bin_m)
+    alike = np.abs(cells.speed[other] - cells.speed[one]) < 0.14
+    one, other = one[alike], other[alike]
+    apart = np.abs(cells.azimuth[other] - cells.azimuth[one]) > np.radians(3.5)
+    same_bin = cells.r[other] - cells.r[one] < beam.bin_m
+    for mine, yours in ((one, other), (other, one)):
+        excess = rcs[yours] - rcs[mine]
+        beaten = np.where(apart, luck[yours] - luck[mine] > 1.2, excess > 0.8)
+        covered[mine[same_bin & beaten]] = True
+        np.maximum.at(shoulder, mine[~apart], excess[~apart])
+        rival = same_bin & apart
+        np.maximum.at(rivalry, mine[rival], excess[rival])
     return ~covered, shoulder, rivalry
+
+
+def _neighbours(r: Floats, reach: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return all pairs of indices into sorted ranges that are at most ``reach`` apart."""
+    count = np.searchsorted(r, r + reach, side="right") - np.arange(len(r)) - 1
+    one = np.repeat(np.arange(len(r)), count)
+    within = np.arange(len(one)) - np.repeat(np.cumsum(count) - count, count)
+    return one, one + 1 + within

@@ -66,6 +66,7 @@ class WorldRadar:
         scenery, traffic = world.scenery, world.traffic
         points = reflectors(scenery.kind, scenery.length, scenery.width, scenery.look)
         self._standing = points.placed(scenery)
+        self._first = np.searchsorted(points.owner, np.arange(len(scenery) + 1))
         self._mobile = reflectors(traffic.kind, traffic.length, traffic.width, traffic.look)
         self._by_look = np.argsort(traffic.look)
 
@@ -139,7 +140,8 @@ class WorldRadar:
     def points(self, t_s: float) -> Points:
         """Return what every reflector in sight sends back at ``t_s`` seconds from the start."""
         here = self.world.standing(self.world.ego(t_s).s)
-        standing = _of_owners(self._standing, np.arange(here.start, here.stop))
+        standing = self._standing[self._first[here.start] : self._first[here.stop]]
+        standing = replace(standing, owner=standing.owner - here.start)
         moving = self.world.moving(t_s)
         track = self._by_look[
             np.searchsorted(self.world.traffic.look, moving.look, sorter=self._by_look)

@@ -17,6 +17,7 @@ _SOLID = np.isin(np.arange(len(Kind)), (Kind.BUILDING, Kind.WALL))
 _BODY = np.isin(np.arange(len(Kind)), (Kind.CAR, Kind.VAN, Kind.TRUCK))
 _BEHIND_SOLID, _BEHIND_BODY = 0.2, 0.5
 _DEPTH = 0.7
+_SCREENED_M = 160.0
 _CLOSE_M = 20.0
 _FAINT = 10 ** (-16 / 20)
 _MIRRORING, _TWICE = 10 ** (12 / 20), 10 ** (-24 / 20)
@@ -119,13 +120,14 @@ def _motion(pace: Floats, over_ground: Floats, mobile: NDArray[np.bool_]) -> NDA
 
 def _shadow(antenna: Antenna, objects: Objects, r: Floats, azimuth: Floats) -> Floats:
     """Return the factor on the amplitude behind buildings and, half let through, vehicles."""
-    ray = np.clip(np.rint((azimuth + _SPAN) / (2 * _SPAN) * (_RAYS - 1)), 0, _RAYS - 1)
-    index = ray.astype(np.intp)
-    loss = np.where(
-        r > _first_hit(antenna, objects[_SOLID[objects.kind]])[index] + _DEPTH, _BEHIND_SOLID, 1.0
-    )
-    bodies = objects[_BODY[objects.kind]]
-    return loss * np.where(r > _first_hit(antenna, bodies)[index] + _DEPTH, _BEHIND_BODY, 1.0)
+    ahead, left = antenna.to_sensor(objects.x - antenna.x, objects.y - antenna.y)
+    near = (ahead > -15) & (np.abs(ahead) + np.abs(left) < _SCREENED_M)
+    ray = np.rint((azimuth + _SPAN) * ((_RAYS - 1) / (2 * _SPAN))).astype(np.intp)
+    factor = np.ones(len(r))
+    for kinds, passed in ((_SOLID, _BEHIND_SOLID), (_BODY, _BEHIND_BODY)):
+        hit = _first_hit(antenna, objects[near & kinds[objects.kind]])
+        factor[r > hit[ray] + _DEPTH] *= passed
+    return factor
 
 
 def _first_hit(antenna: Antenna, boxes: Objects) -> Floats:
