@@ -49,7 +49,8 @@ def messages(draw: st.DrawFn) -> Message:
         if not free.issuperset(bits):
             continue
         free.difference_update(bits)
-        conversion = BaseConversion.factory(draw(scales), draw(offsets), is_float=is_float)
+        scale, offset = draw(st.just((1, 0)) | st.tuples(scales, offsets))
+        conversion = BaseConversion.factory(scale, offset, is_float=is_float)
         signed = draw(st.booleans()) and not is_float
         signals.append(
             Signal(
@@ -66,7 +67,9 @@ def messages(draw: st.DrawFn) -> Message:
 
 
 def _payloads(draw: st.DrawFn, length: int) -> np.ndarray:
-    rows = draw(st.lists(st.binary(min_size=length, max_size=length), min_size=1, max_size=5))
+    """Draw a few payloads of hypothesis' choice and one full of noise."""
+    rows = draw(st.lists(st.binary(min_size=length, max_size=length), max_size=4))
+    rows.append(np.random.default_rng(draw(st.integers(0, 2**32))).bytes(length))
     return np.frombuffer(b"".join(rows), np.uint8).reshape(-1, length)
 
 
@@ -153,6 +156,16 @@ def test_a_value_out_of_range_names_its_signal(speed: float) -> None:
     codec = ars408().message("SpeedInformation")
     with pytest.raises(InputError, match=r"SpeedInformation\.RadarDevice_Speed: .*0.*163\.82"):
         codec.encode({"RadarDevice_SpeedDirection": 1, "RadarDevice_Speed": speed})
+
+
+def test_a_value_one_step_too_large_is_refused() -> None:
+    codec = ars408().message("RadarState")
+    values = dict.fromkeys(codec.signals, 0.0)
+    payload = codec.encode(values | {"RadarState_MaxDistanceCfg": 2046.0})
+    assert codec.decode(payload)["RadarState_MaxDistanceCfg"].tolist() == [2046]
+    for column in (2048.0, 2048):
+        with pytest.raises(InputError, match=r"MaxDistanceCfg: 2048 is out of range; 0 to 2046"):
+            codec.encode(values | {"RadarState_MaxDistanceCfg": column})
 
 
 @pytest.mark.parametrize(

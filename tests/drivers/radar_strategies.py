@@ -76,12 +76,14 @@ def shuffled_last(frames: CanFrames, n: int, rng: np.random.Generator) -> CanFra
 
 
 @st.composite
-def disturbed(draw: st.DrawFn, frames: CanFrames, actions: Sequence[str]) -> CanFrames:
-    """Draw up to eight faults and do them to frames."""
+def disturbed(
+    draw: st.DrawFn, frames: CanFrames, actions: Sequence[str], most: int = 8
+) -> CanFrames:
+    """Draw some faults and do them to frames."""
     rows = list(range(len(frames)))
     places = st.integers(0, 200)
     for action, place, target in draw(
-        st.lists(st.tuples(st.sampled_from(actions), places, places), max_size=8)
+        st.lists(st.tuples(st.sampled_from(actions), places, places), max_size=most)
     ):
         place, target = place % len(rows), target % len(rows)
         if action == "lose" and len(rows) > 1:
@@ -96,20 +98,46 @@ def disturbed(draw: st.DrawFn, frames: CanFrames, actions: Sequence[str]) -> Can
             frames.flags[rows[place]] = FrameFlag(1 << target % 7)
         elif action == "alter":
             frames.data[rows[place], target % 3] = target
+        elif action == "rename":
+            frames.data[rows[place], 0] = frames.data[rows[place] - 1, 0]
     frames = frames.select(np.array(rows))
     return replace(frames, stamp_ns=np.arange(len(rows), dtype=np.int64) * 250_000)
 
 
+ACTIONS = ("lose", "repeat", "move", "shorten", "flag", "alter", "rename")
+
+
 @st.composite
-def streams(draw: st.DrawFn) -> CanFrames:
-    """Draw some cycles of one to three radars, and disturb them."""
+def changing_streams(draw: st.DrawFn) -> CanFrames:
+    """Draw cycles of one to three radars that change their minds, disturbed."""
     sensor_ids = st.sampled_from(draw(st.sampled_from([[0], [0], [3], [0, 1, 7]])))
     cycles = draw(st.lists(sensor_ids.flatmap(_cycle), min_size=1, max_size=12))
-    if draw(st.booleans()):  # a steady radar, so that the fast path has its day
-        repeated = draw(st.integers(1, 5))
-        cycles = [cycle for cycle in cycles[:4] for _ in range(repeated)]
-    actions = ["lose", "repeat", "move", "shorten", "flag", "alter"]
-    return draw(disturbed(concatenate(cycles), actions))
+    return draw(disturbed(concatenate(cycles), ACTIONS))
+
+
+@st.composite
+def steady_streams(draw: st.DrawFn) -> CanFrames:
+    """Draw cycles of a radar that says what it sends, with some frames strewn in, disturbed."""
+    rng = np.random.default_rng(draw(st.integers(0, 1000)))
+    mode, other_mode = draw(st.permutations(["cluster", "object"]))
+    lists = (draw(st.booleans()), draw(st.booleans()))
+    sizes = draw(st.lists(st.integers(0, 4), min_size=2, max_size=8))
+    scans = [random_scan(rng, n, mode, lists, meas_counter=2 * k) for k, n in enumerate(sizes)]
+    foreign = encode_scan(random_scan(rng, 1, other_mode, (True, True)))
+    values = {signal: float(draw(st.booleans())) for signal in STATE_SIGNALS}
+    strewn = concatenate([encode_state(RadarState("", 0, 0, values)), foreign])
+    steady = dict(zip(STATE_SIGNALS, map(float, lists), strict=True))
+    told = encode_state(RadarState("", 0, 0, steady))
+    frames = concatenate([told, *map(encode_scan, scans), strewn])
+    rows = list(range(len(frames) - len(strewn)))
+    for row in draw(st.sets(st.integers(len(rows), len(frames) - 1), max_size=2)):
+        rows.insert(draw(st.integers(1, len(rows))), row)
+    return draw(disturbed(frames.select(np.array(rows)), ACTIONS, 2))
+
+
+def streams() -> st.SearchStrategy[CanFrames]:
+    """Draw streams of either kind."""
+    return changing_streams() | steady_streams()
 
 
 def assembled(batches: Sequence[CanFrames]) -> list[Item]:

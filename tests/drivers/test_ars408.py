@@ -67,7 +67,7 @@ def same_arrays(scan: RadarScan, other: RadarScan) -> bool:
 
 
 @given(streams(), st.lists(st.integers(1, 40), max_size=20))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_batches_make_no_difference(frames: CanFrames, cuts: list[int]) -> None:
     at_once = [comparable(item) for item in assembled([frames])]
     one_by_one = [frames.select(slice(row, row + 1)) for row in range(len(frames))]
@@ -190,6 +190,16 @@ def test_a_burst_that_swallows_a_quality_list_does_not_cost_the_next_one() -> No
     assert [scan.strays for scan in radar_scans(found)] == [0, 0, 0, 0]
 
 
+def test_lists_that_are_missed_now_and_then_stay_expected() -> None:
+    parts = []
+    for number in range(12):
+        _, frames = cycle(number, 4 * (number % 3 != 1), True)
+        parts.append(frames.select(slice(5)) if number % 3 == 0 else frames)
+    scans = scans_of([state_frame(quality=True), concatenate(parts)])
+    assert [scan.frames_lost for scan in scans] == [4, 0, 0] * 4
+    assert all(scan.strays == 0 for scan in scans)
+
+
 def test_an_empty_scan_is_given_out_at_once() -> None:
     _, frames = cycle(0, 0)
     (scan,) = radar_scans(ScanAssembler().feed(frames))
@@ -276,6 +286,28 @@ def test_more_frames_than_announced_are_strays() -> None:
     assert len(found) == 4
     np.testing.assert_array_equal(found.id, scan.id[:4])
     assert assembler.strays == 2
+
+
+def test_a_general_list_that_goes_on_is_cut_while_quality_is_awaited() -> None:
+    scan, frames = cycle(0, 6, True, near=1, far=3)
+    assembler = ScanAssembler()
+    assembler.feed(state_frame(quality=True))
+    quality = frames.select(np.array([7, 8, 9, 10]))
+    (found,) = radar_scans(assembler.feed(concatenate([frames.select(slice(7)), quality])))
+    assert found.strays == 2
+    np.testing.assert_array_equal(found.id, scan.id[:4])
+    np.testing.assert_array_equal(found.pdh0, scan.pdh0[:4])
+
+
+def test_short_frames_of_a_scan_are_strays_not_zeros() -> None:
+    _, frames = cycle(0, 4, False)
+    assembler = ScanAssembler()
+    assembler.feed(state_frame(quality=False))
+    short_head = replace(frames.select(slice(1)), length=np.array([4], np.uint8))
+    assert assembler.feed(short_head) == []
+    frames.length[2] = 7
+    (found,) = radar_scans(assembler.feed(frames) + assembler.flush())
+    assert (len(found), found.frames_lost, found.strays) == (3, 1, 2)
 
 
 def test_quality_of_unknown_clusters_is_stray() -> None:
