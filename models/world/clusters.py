@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.sensor import ARS408
-from models.world.echoes import Beam, Echoes, Motion
+from models.world.beam import Beam
 from models.world.objects import Floats
+from models.world.points import Echoes, Motion
 from models.world.sight import Antenna
 
 _MOVING, _STATIONARY, _ONCOMING, _CANDIDATE, _UNKNOWN = 0, 1, 2, 3, 4

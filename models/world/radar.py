@@ -13,10 +13,12 @@ from drivers.can_frames import CanFrames
 from drivers.scan import RadarScan
 from models.degrade.draw import DrawKey
 from models.sensor import ARS408, RadarSensor
+from models.world.beam import FAR, NEAR
 from models.world.can import cycle_frames
 from models.world.clusters import QUALITY, describe
-from models.world.echoes import FAR, NEAR, Points, measure
+from models.world.echoes import measure
 from models.world.objects import concatenate
+from models.world.points import Points
 from models.world.reflectors import Reflectors, join, reflectors
 from models.world.road import EPOCH_NS, World
 from models.world.sight import Antenna, look

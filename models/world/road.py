@@ -47,14 +47,17 @@ class Ego:
     yaw_rate: float
 
 
-def _path(route: Route) -> tuple[Floats, ...]:
-    """Return the ego's path by table index: x, y, heading, metres per metre of road, curvature."""
+def _path(route: Route) -> Floats:
+    """Return the ego's path by table index, (5, n).
+
+    Its rows are x, y, heading, metres of path per metre of road, and curvature.
+    """
     s = np.arange(len(route.x), dtype=np.float64) * STEP
     x, y, _ = route.place(s, route.drive_offset(s))
     dx, dy = np.gradient(x, STEP), np.gradient(y, STEP)
     heading = np.unwrap(np.arctan2(dy, dx))
     ratio = np.hypot(dx, dy)
-    return x, y, heading, ratio, np.gradient(heading, STEP) / ratio
+    return np.stack([x, y, heading, ratio, np.gradient(heading, STEP) / ratio])
 
 
 class World:
@@ -86,8 +89,7 @@ class World:
     def ego(self, t_s: float) -> Ego:
         """Return the ego at ``t_s`` seconds from the start."""
         s, rate = self.drive.at(np.asarray(self._t_start + t_s))
-        look = self.route.lookup
-        x, y, heading, ratio, curvature = (look(table, s) for table in self._path)
+        x, y, heading, ratio, curvature = self.route.lookup(self._path, s)
         speed = rate * ratio
         return Ego(*map(float, (s, x, y, heading, speed, curvature * speed)))
 

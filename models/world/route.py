@@ -71,10 +71,11 @@ class Route:
         return np.clip(np.rint(s / STEP), 0, len(self.x) - 1).astype(np.intp)
 
     def lookup(self, table: Floats, s: Floats) -> Floats:
-        """Return a table of this route at positions ``s``, linearly interpolated."""
-        whole = np.clip(np.floor(s / STEP), 0, len(table) - 2).astype(np.intp)
-        rest = s / STEP - whole
-        result: Floats = table[whole] * (1 - rest) + table[whole + 1] * rest
+        """Return a table (or rows of tables) of this route at ``s``, linearly interpolated."""
+        place = s / STEP
+        whole = np.minimum(np.maximum(place, 0), table.shape[-1] - 2).astype(np.intp)
+        rest = place - whole
+        result: Floats = table[..., whole] * (1 - rest) + table[..., whole + 1] * rest
         return result
 
     def place(self, s: Floats, d: Floats) -> tuple[Floats, Floats, Floats]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.world.objects import Floats, Kind, Objects, concatenate
-from models.world.route import LANE, STEP, Land, Route
+from models.world.route import STEP, Land, Route
 
 PARKING = 2.3
 """Width of the parking strip in towns, m."""
@@ -73,7 +73,7 @@ def _side(rng: np.random.Generator, route: Route, end: float, side: float) -> li
         s = np.arange(0, end, spacing)
         s = s + rng.uniform(-jitter, jitter, len(s)) * spacing / 2
         d = route.lookup(route.outer, s) + rng.uniform(*beyond, len(s))
-        shape = size or _sizes(rng, kind, len(s))
+        shape = size or sizes(rng, kind, len(s))
         objects = stand(rng, route, kind, s, side * d, shape)
         keep = np.isin(route.land[route.index(s)], where) & ~route.tunnel[route.index(s)]
         if len(route.junctions):
@@ -109,7 +109,7 @@ def _side(rng: np.random.Generator, route: Route, end: float, side: float) -> li
     ]
 
 
-def _sizes(rng: np.random.Generator, kind: Kind, n: int) -> tuple[Floats, Floats, Floats]:
+def sizes(rng: np.random.Generator, kind: Kind, n: int) -> tuple[Floats, Floats, Floats]:
     """Return random lengths, widths and heights of a kind, m."""
     low, high = {
         Kind.CAR: ((3.7, 1.65, 1.4), (4.8, 1.9, 1.75)),
@@ -127,11 +127,6 @@ def _sizes(rng: np.random.Generator, kind: Kind, n: int) -> tuple[Floats, Floats
     share = rng.random(n)
     spread = [share * (b - a) + a for a, b in zip(low, high, strict=True)]
     return spread[0], spread[1], spread[2]
-
-
-def sizes(rng: np.random.Generator, kind: Kind, n: int) -> tuple[Floats, Floats, Floats]:
-    """Return random lengths, widths and heights of a kind, m."""
-    return _sizes(rng, kind, n)
 
 
 def _buildings(rng: np.random.Generator, route: Route, end: float, side: float) -> Objects:
@@ -197,7 +192,7 @@ def _lights(rng: np.random.Generator, route: Route, end: float) -> list[Objects]
     """Return the traffic lights at junctions, before it on the right and beyond it on the left."""
     s = route.junctions[route.junctions < end]
     d = route.lookup(route.outer, s) + 1.0
-    size = _sizes(rng, Kind.TRAFFIC_LIGHT, len(s))
+    size = sizes(rng, Kind.TRAFFIC_LIGHT, len(s))
     return [
         stand(rng, route, Kind.TRAFFIC_LIGHT, s - SIDE_STREET + 1, -d, size),
         stand(rng, route, Kind.TRAFFIC_LIGHT, s + SIDE_STREET - 1, d, size),
@@ -220,6 +215,3 @@ def _off_the_road(route: Route, objects: Objects) -> np.ndarray[tuple[int], np.d
         )
         keep[check] &= (gap > route.outer[near] + 0.05).all(axis=1)
     return keep
-
-
-__all__ = ["LANE", "PARKING", "PAVEMENT", "SIDE_STREET", "furnish", "sizes", "stand"]

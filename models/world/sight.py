@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.world.echoes import Motion, Points
 from models.world.objects import Floats, Kind, Objects
+from models.world.points import Motion, Points
 from models.world.reflectors import Reflectors
 
 _SPAN = np.radians(76.0)
@@ -148,6 +148,6 @@ def _first_hit(antenna: Antenna, boxes: Objects) -> Floats:
         one, two = (-half - start)[:, None] * inverse, (half - start)[:, None] * inverse
         entry = np.maximum(entry, np.minimum(one, two))
         leave = np.minimum(leave, np.maximum(one, two))
-    hit = np.where(entry < leave, entry, np.inf)
+    hit = np.where((entry < leave) & (entry > 0), entry, np.inf)
     result: Floats = hit.min(axis=0, initial=np.inf)
     return result

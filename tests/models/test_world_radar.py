@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from drivers.ars408 import ScanAssembler
 from drivers.scan import MotionInput, RadarScan
 from models.sensor import ARS408
-from models.world.echoes import DETECTION_DB, FAR, NEAR, Echoes, Motion, Points, measure, noise_db
+from models.world.beam import DETECTION_DB, FAR, NEAR, noise_db
+from models.world.echoes import measure
 from models.world.objects import Kind, Objects
+from models.world.points import Echoes, Motion, Points
 from models.world.radar import WorldRadar
 from models.world.reflectors import reflectors
 from models.world.road import EPOCH_NS, World
