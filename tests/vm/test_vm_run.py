@@ -1,0 +1,164 @@
+"""A whole run on real CAN and a real camera: what comes in, goes down and comes back."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import pytest
+
+from drivers.ars408 import ScanAssembler
+from drivers.can_frames import CanFrames
+from drivers.candump import read_candump, write_candump
+from drivers.scan import RadarScan
+from models.estimate.level import NoiseLevel
+from node.bus.in_process import Bus
+from node.pipeline import Pipeline
+from node.plan import plan
+from node.scene import check_scene
+from tests.vm.marks import needs_machine
+
+pytestmark = needs_machine
+
+PATIENCE_S = 120.0
+CYCLES = 40
+
+
+class Run:
+    """A pipeline in a thread of its own, with all that it published."""
+
+    def __init__(self, sensor: dict[str, Any]) -> None:
+        self.bus = Bus()
+        scene = check_scene({"sensors": [sensor]}, "test")
+        self.pipeline = Pipeline(plan(scene), self.bus)
+        name = sensor["name"]
+        self.scans = self.bus.subscribe(f"/murk/{name}/scan", depth=10_000)
+        self.events = self.bus.subscribe(f"/murk/{name}/event", depth=1000)
+        self.levels: list[NoiseLevel] = []
+        self._thread = Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        for level in self.pipeline.run():
+            self.levels.append(level)
+
+    def wait_for(self, count: int) -> None:
+        """Wait until so many levels have come."""
+        give_up = time.monotonic() + PATIENCE_S
+        while len(self.levels) < count and time.monotonic() < give_up:
+            time.sleep(0.05)
+        assert len(self.levels) >= count, self.pipeline.summary()
+
+    def states(self) -> list[str]:
+        self.events.close()
+        return [event.state for event in self.events]
+
+    def close(self) -> dict[str, Any]:
+        self.pipeline.stop()
+        self._thread.join(30)
+        assert not self._thread.is_alive()
+        self.scans.close()
+        return next(iter(self.pipeline.summary()["sensors"].values()))
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Some seconds of the simulated radar as a candump log."""
+    from models.world.radar import WorldRadar
+    from models.world.road import World
+
+    path = tmp_path / "radar.log"
+    radar = WorldRadar(World(seed=3, duration_s=CYCLES * 0.072))
+    write_candump(path, map(_to_microseconds, radar.frames()))
+    return path
+
+
+def _to_microseconds(frames: CanFrames) -> CanFrames:
+    """Round stamps to what canplayer reads."""
+    return replace(frames, stamp_ns=frames.stamp_ns // 1000 * 1000)
+
+
+@pytest.fixture
+def up() -> Iterator[None]:
+    yield
+    ip("up")
+
+
+def ip(state: str) -> None:
+    subprocess.run(["ip", "link", "set", "vcan0", state], check=True)
+
+
+def play(log: Path) -> None:
+    """Replay a log by the time of its frames."""
+    subprocess.run(["canplayer", "-I", str(log), "vcan0=can0"], check=True)
+
+
+def scans_of(log: Path) -> list[RadarScan]:
+    assembler = ScanAssembler({0: "radar"})
+    items = [item for frames in read_candump(log) for item in assembler.feed(frames)]
+    return [item for item in (*items, *assembler.flush()) if isinstance(item, RadarScan)]
+
+
+def test_every_scan_of_a_replayed_log_arrives_with_the_kernels_stamps(log: Path) -> None:
+    expected = scans_of(log)
+    run = Run({"name": "radar", "type": "radar", "source": "vcan0"})
+    play(log)
+    run.wait_for(len(expected))
+    counts = run.close()
+    got = list(run.scans)
+    assert [scan.meas_counter for scan in got] == [scan.meas_counter for scan in expected]
+    assert [scan.x.tolist() for scan in got] == [scan.x.tolist() for scan in expected]
+    assert {scan.stamp_source for scan in got} == {"kernel"}
+    assert counts["frames_lost"] == counts["cycles_lost"] == counts["dropped_by_source"] == 0
+    assert counts["failures"] == 0
+    assert abs(time.time_ns() - got[-1].stamp_ns) < PATIENCE_S * 1e9
+
+
+@pytest.mark.usefixtures("up")
+def test_a_bus_that_goes_down_and_up_is_told_and_the_run_goes_on(log: Path) -> None:
+    run = Run({"name": "radar", "type": "radar", "source": "vcan0"})
+    play(log)
+    run.wait_for(CYCLES - 5)
+    before = len(run.levels)
+    ip("down")
+    time.sleep(1.0)
+    ip("up")
+    time.sleep(0.5)
+    play(log)
+    run.wait_for(before + CYCLES // 2)
+    run.close()
+    states = run.states()
+    assert "lost" in states
+    assert "ok" in states[states.index("lost") :]
+
+
+def test_a_silent_radar_is_stale_and_one_that_never_spoke_is_never_seen(log: Path) -> None:
+    run = Run({"name": "radar", "type": "radar", "source": "vcan0"})
+    time.sleep(2.0)
+    play(log)
+    run.wait_for(CYCLES - 5)
+    time.sleep(2.0)
+    run.close()
+    states = run.states()
+    assert states[:2] == ["never_seen", "ok"]
+    assert states[-1] == "stale"
+
+
+def test_a_camera_that_is_unplugged_comes_back() -> None:
+    run = Run({"name": "camera", "type": "camera", "source": "/dev/video0"})
+    run.wait_for(5)
+    subprocess.run(["v4l2-ctl", "-d", "/dev/video0", "-c", "disconnect=1"], check=False)
+    time.sleep(2.0)
+    subprocess.run(["v4l2-ctl", "-d", "/dev/video0", "-c", "disconnect=0"], check=False)
+    before = len(run.levels)
+    run.wait_for(before + 5)
+    counts = run.close()
+    states = run.states()
+    assert "lost" in states
+    assert "ok" in states[states.index("lost") :]
+    assert counts["failures"] == 0
