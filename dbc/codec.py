@@ -60,7 +60,7 @@ class MessageCodec:
         self.length: int = message.length
         if message.is_multiplexed():
             raise DatabaseError(self.name, "is multiplexed", "decode it frame by frame")
-        self._windows: list[tuple[int, str]] = []
+        self._windows: list[tuple[slice, str]] = []
         self._signals = [self._compile(signal) for signal in message.signals]
         self.signals: tuple[str, ...] = tuple(signal.name for signal in self._signals)
         self._blocks = self._gather()
@@ -90,7 +90,7 @@ class MessageCodec:
         words = self._words(payloads)
         columns: dict[str, NDArray[Any]] = {}
         for block in self._blocks:
-            columns |= zip(block.names, block.physical(words), strict=True)
+            columns.update(block.physical(words))
         for signal in self._others:
             columns[signal.name] = signal.physical(signal.raw(words))
         return columns
@@ -186,7 +186,7 @@ class MessageCodec:
     def _piece(self, big: bool, byte: int, skipped: int, bits: int, up: int) -> Piece:
         start = max(0, min(byte, self.length - WORD_BYTES))
         skipped += 8 * (byte - start)
-        window = (start, ">u8" if big else "<u8")
+        window = (slice(start, start + WORD_BYTES), ">u8" if big else "<u8")
         if window not in self._windows:
             self._windows.append(window)
         return Piece(
@@ -205,8 +205,8 @@ class MessageCodec:
             payloads = np.pad(payloads, ((0, 0), (0, missing)))
         payloads = np.ascontiguousarray(payloads)
         return [
-            payloads[:, start : start + WORD_BYTES].view(order)[:, 0].astype(np.uint64)
-            for start, order in self._windows
+            payloads[:, octets].view(order)[:, 0].astype(np.uint64)
+            for octets, order in self._windows
         ]
 
     def _prepare(
@@ -235,9 +235,8 @@ class MessageCodec:
     def _payloads(self, words: list[Words]) -> Payloads:
         size = len(words[0]) if words else 0
         payloads = np.zeros((size, max(self.length, WORD_BYTES)), np.uint8)
-        for (start, order), word in zip(self._windows, words, strict=True):
-            octets = word.astype(order).view(np.uint8).reshape(size, WORD_BYTES)
-            payloads[:, start : start + WORD_BYTES] |= octets
+        for (octets, order), word in zip(self._windows, words, strict=True):
+            payloads[:, octets] |= word.astype(order).view(np.uint8).reshape(size, WORD_BYTES)
         return payloads[:, : self.length]
 
 

@@ -188,13 +188,13 @@ class Block:
             bits >>= self._right
         return values
 
-    def physical(self, words: list[Words]) -> Iterator[NDArray[Any]]:
-        """Return the physical values, (N,) a signal."""
+    def physical(self, words: list[Words]) -> Iterator[tuple[str, NDArray[Any]]]:
+        """Return the physical values, (N,) a signal, by name."""
         raw = self.raw(words)
         scaled = raw[self._unscaled :].astype(np.float64)
         scaled *= self._scale
         scaled += self._offset
-        return chain(raw[: self._unscaled], scaled)
+        return zip(self.names, chain(raw[: self._unscaled], scaled), strict=True)
 
     def put(self, columns: Columns, words: list[Words]) -> None:
         """Put physical values into words."""

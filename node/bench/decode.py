@@ -46,13 +46,13 @@ def run(quick: bool) -> Iterator[Point | Goal]:
     """Measure the codec over batch sizes, and candump logs to scans, against cantools."""
     keep_freed_memory()
     parsed = parsed_database()
-    yield from codec_results(parsed, rounds=5 if quick else 25)
+    yield from codec_results(parsed, rounds=15 if quick else 45)
     with TemporaryDirectory() as folder:
         log = Path(folder) / "radar.log"
         for clusters, quality in ((250, False), (120, True)):
-            frames = simulated_log(clusters, quality, cycles=60 if quick else 300)
+            frames = simulated_log(clusters, quality, cycles=150 if quick else 300)
             name = f"{clusters} clusters a scan" + (", quality" if quality else "")
-            yield from log_results(parsed, log, frames, name, rounds=3 if quick else 7)
+            yield from log_results(parsed, log, frames, name, rounds=5 if quick else 9)
 
 
 def parsed_database() -> ParsedDatabase:
