@@ -28,6 +28,8 @@ from dbc.signals import FLOAT, WORD_BITS, Block, Piece, Signal, Words
 Payloads = NDArray[np.uint8]
 
 WORD_BYTES = 8
+_BIG_ENDIAN, _LITTLE_ENDIAN = np.dtype(">u8"), np.dtype("<u8")
+_NATIVE = np.dtype(np.uint64)
 EXTENDED_ID = 1 << 31
 """How a DBC file marks a 29-bit identifier."""
 
@@ -60,7 +62,7 @@ class MessageCodec:
         self.length: int = message.length
         if message.is_multiplexed():
             raise DatabaseError(self.name, "is multiplexed", "decode it frame by frame")
-        self._windows: list[tuple[slice, str]] = []
+        self._windows: list[tuple[slice, np.dtype[np.uint64]]] = []
         self._signals = [self._compile(signal) for signal in message.signals]
         self.signals: tuple[str, ...] = tuple(signal.name for signal in self._signals)
         self._blocks = self._gather()
@@ -90,7 +92,7 @@ class MessageCodec:
         words = self._words(payloads)
         columns: dict[str, NDArray[Any]] = {}
         for block in self._blocks:
-            columns.update(block.physical(words))
+            columns |= block.physical(words)
         for signal in self._others:
             columns[signal.name] = signal.physical(signal.raw(words))
         return columns
@@ -186,7 +188,7 @@ class MessageCodec:
     def _piece(self, big: bool, byte: int, skipped: int, bits: int, up: int) -> Piece:
         start = max(0, min(byte, self.length - WORD_BYTES))
         skipped += 8 * (byte - start)
-        window = (slice(start, start + WORD_BYTES), ">u8" if big else "<u8")
+        window = (slice(start, start + WORD_BYTES), _BIG_ENDIAN if big else _LITTLE_ENDIAN)
         if window not in self._windows:
             self._windows.append(window)
         return Piece(
@@ -205,7 +207,7 @@ class MessageCodec:
             payloads = np.pad(payloads, ((0, 0), (0, missing)))
         payloads = np.ascontiguousarray(payloads)
         return [
-            payloads[:, octets].view(order)[:, 0].astype(np.uint64)
+            payloads[:, octets].view(order).ravel().astype(_NATIVE)
             for octets, order in self._windows
         ]
 

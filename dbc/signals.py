@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,8 @@ FLOAT = {16: np.float16, 32: np.float32, 64: np.float64}
 
 _UINT_OF_FLOAT = {16: np.uint16, 32: np.uint32, 64: np.uint64}
 _FLOAT64_BITS = 53  # every integer of so many bits is a float64
+_REPEATED_UP_TO = 1024
+_SIZES_KEPT = 64
 _LARGEST = 1e300  # what is scaled to less than this cannot overflow
 
 
@@ -177,24 +178,44 @@ class Block:
         self._offset = column([float(signal.offset) for signal in scaled])
         self._low = column([float(signal.raw_range[0]) for signal in self._signals])
         self._high = column([float(signal.raw_range[1]) for signal in self._signals])
+        self._repeated: dict[int, tuple[NDArray[Any], ...]] = {}
 
     def raw(self, words: list[Words]) -> NDArray[np.int64]:
         """Return the raw values, (signals, N)."""
-        bits = words[self.word] << self._left
+        word = words[self.word]
+        left, right, _, _ = self._factors(len(word))
+        bits = word << left
         values: NDArray[np.int64] = bits.view(np.int64)
         if self._signed:
-            values >>= self._right.view(np.int64)
+            values >>= right.view(np.int64)
         else:
-            bits >>= self._right
+            bits >>= right
         return values
 
-    def physical(self, words: list[Words]) -> Iterator[tuple[str, NDArray[Any]]]:
+    def physical(self, words: list[Words]) -> dict[str, NDArray[Any]]:
         """Return the physical values, (N,) a signal, by name."""
         raw = self.raw(words)
+        _, _, scale, offset = self._factors(raw.shape[1])
         scaled = raw[self._unscaled :].astype(np.float64)
-        scaled *= self._scale
-        scaled += self._offset
-        return zip(self.names, chain(raw[: self._unscaled], scaled), strict=True)
+        scaled *= scale
+        scaled += offset
+        return dict(zip(self.names, (*raw[: self._unscaled], *scaled), strict=True))
+
+    def _factors(self, size: int) -> tuple[NDArray[Any], ...]:
+        """Return left, right, scale and offset, repeated N times where few enough.
+
+        NumPy then runs one loop instead of one a signal: 250 frames take two thirds of the time.
+        """
+        columns = (self._left, self._right, self._scale, self._offset)
+        if size > _REPEATED_UP_TO:
+            return columns
+        repeated = self._repeated.get(size)
+        if repeated is None:
+            repeated = tuple(np.repeat(column, size, axis=1) for column in columns)
+            if len(self._repeated) == _SIZES_KEPT:
+                self._repeated.clear()
+            self._repeated[size] = repeated
+        return repeated
 
     def put(self, columns: Columns, words: list[Words]) -> None:
         """Put physical values into words."""

@@ -22,7 +22,7 @@ RMS_METRES = np.append(np.round(0.005 * 2000.0 ** (np.arange(31) / 30.0), 3), np
 """Standard deviation by RMS index, m or m/s, shape (32,); index 31 is invalid, so NaN."""
 
 
-_CACHEFUL = 4096
+_CACHEFUL = 1024
 """Frames whose decoded signals stay in a processor's cache."""
 
 NO_RMS = 31
