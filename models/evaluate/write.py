@@ -10,8 +10,12 @@ import matplotlib
 matplotlib.use("Agg")
 
 from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
 
 from models.evaluate.report import Goal, Point
+
+MOST_LABELS = 20
+"""Points in a plot up to which each is labelled with its knob."""
 
 
 def write_report(
@@ -57,8 +61,38 @@ def _plot_files(name: str, points: Sequence[Point]) -> dict[str, str]:
 
 
 def _plot(points: Sequence[Point], unit: str, path: Path) -> Path:
-    figure, axis = plt.subplots(figsize=(9, 5))
-    for variant in dict.fromkeys(point.variant for point in points):
+    exact = all(point.error == 0 for point in points)
+    figure, axis = plt.subplots(figsize=(9, max(3.0, 0.28 * len(points))) if exact else (9, 5))
+    if exact:
+        _draw_run_times(axis, points, unit)
+    else:
+        _draw_front(axis, points, unit)
+    axis.set_xscale("log")
+    axis.set_xlabel("run time, µs")
+    axis.spines[["top", "right"]].set_visible(False)
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+    return path
+
+
+def _draw_run_times(axis: Axes, points: Sequence[Point], unit: str) -> None:
+    """Draw a bar a point, where no error tells them apart."""
+    names = [f"{point.variant}, {point.knob}" for point in points]
+    colours = {variant: f"C{n}" for n, variant in enumerate(_variants(points))}
+    axis.barh(
+        range(len(points)),
+        [point.run_time_us for point in points],
+        color=[colours[point.variant] for point in points],
+    )
+    axis.set_yticks(range(len(points)), names, size=8)
+    axis.invert_yaxis()
+    axis.set_title(f"error 0 everywhere ({unit})", loc="left", size=9)
+
+
+def _draw_front(axis: Axes, points: Sequence[Point], unit: str) -> None:
+    """Draw error over run time, a line a variant; labels where they have room."""
+    for variant in _variants(points):
         own = [point for point in points if point.variant == variant]
         axis.plot(
             [point.run_time_us for point in own],
@@ -66,20 +100,17 @@ def _plot(points: Sequence[Point], unit: str, path: Path) -> Path:
             marker="o",
             label=variant,
         )
-        for point in own:
+        for point in own if len(points) <= MOST_LABELS else ():
             axis.annotate(
                 point.knob,
                 (point.run_time_us, point.error),
-                xytext=(4, 4),
+                xytext=(5, 0),
                 textcoords="offset points",
                 size=7,
             )
-    axis.set_xscale("log")
-    axis.set_xlabel("run time, µs")
     axis.set_ylabel(f"error, {unit}")
-    axis.legend(frameon=False, fontsize=8)
-    axis.spines[["top", "right"]].set_visible(False)
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-    return path
+    axis.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))
+
+
+def _variants(points: Sequence[Point]) -> list[str]:
+    return list(dict.fromkeys(point.variant for point in points))
