@@ -143,7 +143,7 @@ class Signal:
     def refuse(self, bad: NDArray[np.bool_], raw: NDArray[Any]) -> None:
         """Raise InputError where a raw value is bad."""
         if bad.any():
-            value = raw[bad][0] * self.scale + self.offset
+            value = raw[bad].tolist()[0] * self.scale + self.offset
             low, high = sorted(self.physical_range)
             expected = f"a {self.bits}-bit float" if self.is_float else f"{low:.12g} to {high:.12g}"
             raise InputError(self.where, f"{value:.12g} is out of range", expected)

@@ -168,6 +168,21 @@ def test_a_value_one_step_too_large_is_refused() -> None:
             codec.encode(values | {"RadarState_MaxDistanceCfg": column})
 
 
+@pytest.mark.parametrize("bits", [1, 20, 53])
+@pytest.mark.parametrize("signed", [False, True])
+@pytest.mark.parametrize(("scale", "offset"), [(1, 0), (-2, 3), (2, -5), (-2.5, 0.5)])
+def test_what_no_signal_holds_is_refused_whatever_its_type(
+    bits: int, signed: bool, scale: float, offset: float
+) -> None:
+    conversion = BaseConversion.factory(scale, offset)
+    signal = Signal("S", 0, bits, is_signed=signed, conversion=conversion)
+    codec = MessageCodec(Message(1, "M", 8, [signal]))
+    for value in (np.uint64(2**64 - 1), np.int64(-(2**63)), 2**64 - 1, 1e300, -1e300):
+        for encode in (codec.encode, codec.encode_raw):
+            with pytest.raises(InputError, match=r"M\.S: .* is out of range"):
+                encode({"S": value})
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [
