@@ -104,7 +104,14 @@ def scans_of(log: Path) -> list[RadarScan]:
     return [item for item in (*items, *assembler.flush()) if isinstance(item, RadarScan)]
 
 
-def test_every_scan_of_a_replayed_log_arrives_with_the_kernels_stamps(log: Path) -> None:
+@pytest.mark.parametrize("recording", ["simulated", "recorded"])
+def test_every_scan_of_a_replayed_log_arrives_with_the_kernels_stamps(
+    recording: str, request: pytest.FixtureRequest
+) -> None:
+    if recording == "simulated":
+        log = request.getfixturevalue("log")
+    else:
+        log = request.getfixturevalue("data") / "radar" / "nuscenes_mini" / "scene-0061.log"
     expected = scans_of(log)
     run = Run({"name": "radar", "type": "radar", "source": "vcan0"})
     play(log)
