@@ -12,7 +12,7 @@ from drivers.frame import Frame
 from drivers.scan import RadarScan
 from models.estimate.filter import level_filter
 from models.estimate.level import LEVELS, Estimate, NoiseLevel
-from models.estimate.smooth import KindFilter
+from models.estimate.smooth import KindFilter, agreeing
 from node.scene import SensorType
 
 KIND_TIME_CONSTANT_S = 0.3
@@ -78,7 +78,10 @@ class Estimator:
         """
         estimate = self._network(message)
         probabilities = self._levels.update(message.stamp_ns, estimate.probabilities)
-        kinds = self._kinds.update(message.stamp_ns, estimate.kind_probabilities)
+        kinds = agreeing(
+            self._kinds.update(message.stamp_ns, estimate.kind_probabilities),
+            float(probabilities[0]),
+        )
         level = float(probabilities @ LEVELS)
         return NoiseLevel(
             sensor=message.sensor,

@@ -35,3 +35,20 @@ class KindFilter:
             for kind, new in probabilities.items()
         }
         return self._probabilities
+
+
+def agreeing(kinds: dict[str, float], level_0: float) -> dict[str, float]:
+    """Return probabilities of the kinds that agree with the level: clean is what level 0 means.
+
+    Parameters
+    ----------
+    kinds:
+        Probability by kind, ``clean`` among them.
+    level_0:
+        Probability that the level is 0 %; it becomes that of ``clean``. The other kinds share the
+        rest in their own proportions, or evenly where they have none.
+    """
+    others = {kind: weight for kind, weight in kinds.items() if kind != "clean"}
+    total = sum(others.values())
+    shares = {kind: weight / total if total else 1 / len(others) for kind, weight in others.items()}
+    return {"clean": level_0} | {kind: (1 - level_0) * share for kind, share in shares.items()}
