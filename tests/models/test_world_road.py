@@ -63,7 +63,10 @@ def test_road_users_move_as_their_velocities_say(seed: int, t_s: float) -> None:
     vx = (after.x[j] - before.x[i]) / 0.02
     vy = (after.y[j] - before.y[i]) / 0.02
     error = np.hypot(vx - before.vx[i], vy - before.vy[i])
-    assert np.percentile(error, 90) < 0.5 if len(error) else True
+    # The route is sampled: where its direction steps, a fast car's place steps by centimetres.
+    speed = np.hypot(before.vx[i], before.vy[i])
+    assert np.all(error < 0.5 + 0.1 * speed)
+    assert not len(error) or np.median(error) < 0.5
 
 
 def test_nothing_stands_on_the_carriageway(world: World) -> None:
