@@ -45,8 +45,8 @@ class MessageCodec:
     Raises
     ------
     DatabaseError
-        If the message is multiplexed, has a signal of over 64 bits, a float of other than 16, 32
-        or 64 bits, or a scale of 0.
+        If the message is multiplexed, has a signal that starts before bit 0 or has over 64 bits,
+        a float of other than 16, 32 or 64 bits, or a scale of 0.
 
     Attributes
     ----------
@@ -146,6 +146,8 @@ class MessageCodec:
         is_float = bool(signal.is_float)
         scale, offset = signal.scale, signal.offset
         where = f"{self.name}.{signal.name}"
+        if signal.start < 0:
+            raise DatabaseError(where, f"starts at bit {signal.start}", "expected 0 or more")
         if bits > WORD_BITS:
             raise DatabaseError(where, f"has {bits} bits", f"up to {WORD_BITS} can be decoded")
         if is_float and bits not in FLOAT:

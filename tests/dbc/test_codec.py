@@ -234,6 +234,7 @@ def test_multiplexed_messages_are_refused(name: str) -> None:
 @pytest.mark.parametrize(
     ("signal", "message"),
     [
+        (Signal("Early", -7, 1, byte_order="big_endian"), "starts at bit -7"),
         (Signal("Wide", 0, 65), "has 65 bits"),
         (Signal("Flat", 0, 8, conversion=BaseConversion.factory(0, 1)), "has scale 0"),
         (Signal("Huge", 0, 8, conversion=BaseConversion.factory(10**400, 0)), "has scale 1000"),
