@@ -31,8 +31,8 @@ from models.world.camera import WorldCamera
 from models.world.road import World
 
 UNIT = "points of level"
-SIMULATED = range(9000, 9004)
-"""Seeds of simulated drives; training uses smaller ones."""
+SIMULATED = range(2**31 + 100, 2**31 + 104)
+"""Seeds of simulated drives; training draws only seeds below 2**31."""
 SECOND = 14
 STEP_SCANS = 112
 DRIFTS_PER_S = (0.01, 0.05, 0.2, 1.0, 5.0)
