@@ -50,9 +50,12 @@ class Outbox:
         later: list[TimedFrames] = []
         for timed in self._waiting:
             count = int(np.searchsorted(timed.due_ns, now_ns, side="right"))
-            if count:
-                due.append(timed[:count] if count < len(timed) else timed)
-            if count < len(timed):
+            if count == 0:
+                later.append(timed)
+            elif count == len(timed):
+                due.append(timed)
+            else:
+                due.append(timed[:count])
                 later.append(timed[count:])
         self._waiting = later
         if not due:

@@ -37,6 +37,11 @@ class Pipeline:
         Where to publish: ``/murk/<sensor>/noise_level``, ``scan`` or ``image`` (as degraded),
         ``radar_state``, ``motion_input`` and ``event`` (of a live sensor).
 
+    Attributes
+    ----------
+    plan:
+        What it runs.
+
     Raises
     ------
     InputError
@@ -44,7 +49,7 @@ class Pipeline:
     """
 
     def __init__(self, plan: Plan, bus: Bus) -> None:
-        self._plan = plan
+        self.plan = plan
         self._stop = Event()
         self._results: Mailbox[Result] = Mailbox(RESULT_DEPTH, lossless=plan.scene.clock.fast)
         self._wall_time_s = 0.0
@@ -78,7 +83,7 @@ class Pipeline:
         for thread in threads:
             thread.start()
         try:
-            if self._plan.scene.clock.fast:
+            if self.plan.scene.clock.fast:
                 yield from self._in_order(self._arriving())
             else:
                 yield from (one.level for one in self._arriving() if one.level is not None)
@@ -117,7 +122,7 @@ class Pipeline:
         """Return what was counted, by sensor, for JSON."""
         sensors = {name: lane.statistics.summary() for name, lane in self._lanes.items()}
         return {
-            "scene": self._plan.scene.name,
+            "scene": self.plan.scene.name,
             "wall_time_s": round(self._wall_time_s, 3),
             "results_dropped": self._results.dropped,
             "sensors": sensors,

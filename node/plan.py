@@ -120,6 +120,7 @@ def _scene_stages(scene: Scene) -> Iterator[Stage]:
             yield Stage(missing, None, False, f"the scene has no {missing}")
     if scene.faults:
         yield Stage("faults", None, False, "only murk gateway makes them")
+    yield from _output_stages(scene)
     picture = scene.outputs.picture
     yield Stage(
         "picture",
@@ -128,3 +129,17 @@ def _scene_stages(scene: Scene) -> Iterator[Stage]:
         f"written to {picture}" if picture else "the scene asks for none",
         ("matplotlib",),
     )
+
+
+def _output_stages(scene: Scene) -> Iterator[Stage]:
+    outputs = scene.outputs
+    record, can, view = outputs.record, outputs.can, outputs.view
+    none = "the scene asks for none"
+    reason = f"recorded in {record.path}" if record else none
+    yield Stage("record", None, record is not None, reason, ("mcap", "rosbags"))
+    reason = "levels over DDS" if outputs.ros2 else none
+    yield Stage("ros2", None, outputs.ros2 is not None, reason, ("cyclonedds", "rosbags"))
+    reason = f"levels on {can.bus}" if can else none
+    yield Stage("can", None, can is not None, reason, ("can", "cantools"))
+    reason = f"a page on {view.host}:{view.port}" if view else none
+    yield Stage("view", None, view is not None, reason, ("aiohttp",))

@@ -124,13 +124,63 @@ class Clock(_Strict):
     loop: bool = False
 
 
+class Ros2Settings(_Strict):
+    """ROS 2 over DDS.
+
+    ``domain`` is by default that of ``ROS_DOMAIN_ID``, else 0; ``namespace`` goes before every
+    topic's name; only this computer hears it unless ``network`` is true. ``scans`` and ``images``
+    are sent on too where they are true.
+    """
+
+    domain: Annotated[int, Field(ge=0, le=232)] | None = None
+    namespace: Annotated[str, Field(pattern=r"^(/?[a-zA-Z_][a-zA-Z0-9_]*)*$")] = ""
+    network: bool = False
+    scans: bool = False
+    images: bool = False
+
+
+class CanSettings(_Strict):
+    """Levels on a CAN bus by ``dbc/noise_level.dbc``; the first sensor has ``first_id``."""
+
+    bus: Annotated[str, Field(min_length=1)]
+    first_id: Annotated[int, Field(ge=0, le=0x7FF)] = 0x6F0
+
+
+class RecordSettings(_Strict):
+    """MCAP recording; a new file begins after ``split_s`` seconds or ``split_mb`` megabytes."""
+
+    path: Path
+    scans: bool = True
+    images: bool = False
+    split_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    split_mb: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+
+
+class ViewSettings(_Strict):
+    """The page; a ``host`` that other computers reach needs a ``token``."""
+
+    host: str = "127.0.0.1"
+    port: Annotated[int, Field(ge=0, le=65535)] = 8408
+    token: Annotated[str, Field(min_length=8)] | None = None
+
+    @model_validator(mode="after")
+    def _others_need_a_token(self) -> Self:
+        if self.token is None and self.host not in ("127.0.0.1", "::1", "localhost"):
+            raise ValueError(f"other computers reach {self.host}: give a token (--token)")
+        return self
+
+
 class Outputs(_Strict):
-    """What is written beside the levels that the bus carries.
+    """Where the levels go beside the bus in process; each is left out where it is not given.
 
     ``picture`` is a PNG file that gets injected and estimated levels over time.
     """
 
     picture: Path | None = None
+    ros2: Ros2Settings | None = None
+    can: CanSettings | None = None
+    record: RecordSettings | None = None
+    view: ViewSettings | None = None
 
 
 class Scene(_Strict):

@@ -12,15 +12,23 @@ import typer
 from node.cli.output import emit
 from node.cli.scene_flags import (
     CameraFlag,
+    CanFlag,
     DurationFlag,
     FastFlag,
+    HostFlag,
     InjectFlag,
     LoopFlag,
+    PortFlag,
     RadarFlag,
+    RecordFlag,
+    Ros2Flag,
     SceneFile,
     SeedFlag,
     SpeedFlag,
+    TokenFlag,
+    ViewFlag,
     build_scene,
+    output_flags,
 )
 
 if TYPE_CHECKING:
@@ -43,6 +51,13 @@ def run(
     picture: Annotated[
         Path | None, typer.Option(help="PNG file for levels over time.", metavar="FILE")
     ] = None,
+    record: RecordFlag = None,
+    ros2: Ros2Flag = False,
+    can: CanFlag = None,
+    view: ViewFlag = False,
+    host: HostFlag = None,
+    port: PortFlag = None,
+    token: TokenFlag = None,
     json: Annotated[bool, typer.Option("--json", help="One JSON object a level.")] = False,
 ) -> None:
     """Estimate the noise levels of a scene's sensors; Ctrl-C ends with a summary."""
@@ -57,7 +72,16 @@ def run(
             loop=loop,
             duration=duration,
             seed=seed,
-            picture=picture,
+            outputs=output_flags(
+                picture=picture,
+                record=record,
+                ros2=ros2,
+                can=can,
+                view=view,
+                host=host,
+                port=port,
+                token=token,
+            ),
         ),
         json=json,
     )
@@ -73,6 +97,7 @@ def execute(scene: Scene, *, json: bool) -> dict[str, Any]:
     """
     from dbc.errors import MurkError
     from node.bus.in_process import Bus
+    from node.outputs import open_outputs
     from node.pipeline import Pipeline
     from node.plan import plan
 
@@ -85,11 +110,14 @@ def execute(scene: Scene, *, json: bool) -> dict[str, Any]:
             for sensor in scene.sensors:
                 bus.subscribe(f"/murk/{sensor.name}/event", _emit_event)
         show = _emit_levels if json else _watch_levels
-        try:
-            show(pipeline, kept if scene.outputs.picture else None)
-        except MurkError as failed:
-            error = failed
+        with open_outputs(pipeline.plan, bus, pipeline.set_injection) as outputs:
+            try:
+                show(pipeline, kept if scene.outputs.picture else None)
+            except MurkError as failed:
+                error = failed
     summary = pipeline.summary()
+    if outputs:
+        summary["outputs"] = {name: output.counts() for name, output in outputs.items()}
     if scene.outputs.picture and kept:
         from models.evaluate.picture import draw_levels
 

@@ -34,6 +34,21 @@ LoopFlag = Annotated[bool, typer.Option("--loop", help="Start recordings again a
 DurationFlag = Annotated[
     float | None, typer.Option("--duration", metavar="S", help="Stop after S seconds of data.")
 ]
+RecordFlag = Annotated[
+    Path | None, typer.Option("--record", metavar="FILE", help="Record to an MCAP file.")
+]
+Ros2Flag = Annotated[bool, typer.Option("--ros2", help="Publish to ROS 2 over DDS.")]
+CanFlag = Annotated[
+    str | None, typer.Option("--can", metavar="BUS", help="Publish the levels on a CAN bus.")
+]
+ViewFlag = Annotated[bool, typer.Option("--view", help="Serve a live page on 127.0.0.1.")]
+HostFlag = Annotated[
+    str | None, typer.Option("--host", metavar="ADDRESS", help="Serve the page there instead.")
+]
+PortFlag = Annotated[int | None, typer.Option("--port", help="Port of the page.")]
+TokenFlag = Annotated[
+    str | None, typer.Option("--token", help="Secret that the page asks for; see --host.")
+]
 SeedFlag = Annotated[
     int | None, typer.Option("--seed", metavar="N", help="Seed of the injections and the world.")
 ]
@@ -50,7 +65,7 @@ def build_scene(
     loop: bool = False,
     duration: float | None = None,
     seed: int | None = None,
-    picture: Path | None = None,
+    outputs: dict[str, Any] | None = None,
 ) -> Scene:
     """Build the scene of a scene file and flags; a flag goes before what the file says.
 
@@ -70,12 +85,45 @@ def build_scene(
     content["injections"] = [*content.get("injections", []), *map(parse_injection, inject or [])]
     clock: dict[str, Any] = {"speed": speed, "fast": fast or None, "loop": loop or None}
     _merge(content, "clock", clock)
-    _merge(content, "outputs", {"picture": picture})
+    _merge(content, "outputs", outputs or {})
     if "sensors" not in content:
         from dbc.errors import SceneError
 
         raise SceneError(where, "has no sensor", "give a scene file, --radar SRC or --camera SRC")
     return check_scene(content, where)
+
+
+def output_flags(
+    *,
+    picture: Path | None,
+    record: Path | None,
+    ros2: bool,
+    can: str | None,
+    view: bool,
+    host: str | None,
+    port: int | None,
+    token: str | None,
+) -> dict[str, Any]:
+    """Return the content of a scene's ``outputs`` that flags ask for.
+
+    Raises
+    ------
+    SceneError
+        If a flag of the page is given without the page.
+    """
+    given = {"host": host, "port": port, "token": token}
+    page = {name: value for name, value in given.items() if value is not None}
+    if page and not view:
+        from dbc.errors import SceneError
+
+        raise SceneError("--" + next(iter(page)), "is of the page", "give --view too")
+    return {
+        "picture": picture,
+        "record": {"path": record} if record else None,
+        "ros2": {} if ros2 else None,
+        "can": {"bus": can} if can else None,
+        "view": page if view else None,
+    }
 
 
 def _merge(content: dict[str, Any], table: str, flags: dict[str, Any]) -> None:
