@@ -97,17 +97,21 @@ def concatenate(batches: Sequence[CanFrames]) -> CanFrames:
         stamp_ns=np.concatenate([batch.stamp_ns for batch in batches]),
         can_id=np.concatenate([batch.can_id for batch in batches]),
         length=np.concatenate([batch.length for batch in batches]),
-        data=np.concatenate(
-            [np.pad(batch.data, ((0, 0), (0, width - batch.data.shape[1]))) for batch in batches]
-        ),
+        data=np.concatenate([_widened(batch.data, width) for batch in batches]),
         flags=np.concatenate([batch.flags for batch in batches]),
-        channel=np.concatenate(
-            [
-                np.array([channels.index(name) for name in batch.channels], np.uint8)[batch.channel]
-                for batch in batches
-            ]
-        ),
+        channel=np.concatenate([_renumbered(batch, channels) for batch in batches]),
         channels=channels,
         stamp_source=batches[0].stamp_source,
         dropped=max(batch.dropped for batch in batches),
     )
+
+
+def _widened(data: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    missing = width - data.shape[1]
+    return np.pad(data, ((0, 0), (0, missing))) if missing else data
+
+
+def _renumbered(batch: CanFrames, channels: tuple[str, ...]) -> NDArray[np.uint8]:
+    if tuple(batch.channels) == channels[: len(batch.channels)]:
+        return batch.channel
+    return np.array([channels.index(name) for name in batch.channels], np.uint8)[batch.channel]

@@ -203,14 +203,19 @@ class CanGateway:
     def _send_next(self, frames: CanFrames, now_ns: int) -> None:
         """Send frames of the radar at once, but behind those that still wait."""
         if len(frames):
-            self._outbox.put(self._behind(TimedFrames(frames, np.full(len(frames), now_ns))))
+            due_ns = np.full(len(frames), now_ns)
+            self._outbox.put(self._behind(TimedFrames(frames, due_ns), now_ns))
 
-    def _behind(self, timed: TimedFrames) -> TimedFrames:
-        """Return the radar's frames no earlier than those that still wait let them."""
+    def _behind(self, timed: TimedFrames, now_ns: int) -> TimedFrames:
+        """Return the radar's frames no earlier than now, and than those that still wait let them.
+
+        Where they have to wait they follow each other faster, until they are in time again.
+        """
         due_ns = timed.due_ns
-        if self._last_due_ns > due_ns[0]:
+        before_ns = max(self._last_due_ns, now_ns - CATCH_UP_SPACING_NS)
+        if before_ns > due_ns[0]:
             steps = np.arange(1, len(timed) + 1) * CATCH_UP_SPACING_NS
-            due_ns = np.maximum(due_ns, self._last_due_ns + steps)
+            due_ns = np.maximum(due_ns, before_ns + steps)
         self._last_due_ns = int(due_ns[-1])
         return TimedFrames(timed.frames, due_ns)
 
@@ -222,10 +227,16 @@ class CanGateway:
 
     def _end_if_whole(self, scan: IncomingScan, now_ns: int) -> None:
         if scan.is_overfull or scan.is_whole(quality=self._quality is not False):
-            self._end(scan, now_ns)
+            self._end(scan, now_ns, min(now_ns, scan.begun_ns + scan.took_ns))
 
-    def _end(self, scan: IncomingScan, now_ns: int) -> None:
-        """Expect no more of the scan; send what became of it where it was kept back."""
+    def _end(self, scan: IncomingScan, now_ns: int, since_ns: int | None = None) -> None:
+        """Expect no more of the scan; send what became of it where it was kept back.
+
+        Parameters
+        ----------
+        since_ns:
+            When it was whole, by its stamps: earlier than now where nobody read at that time.
+        """
         scan.over = True
         if scan.has_quality is not None:
             self._quality = scan.has_quality
@@ -235,7 +246,8 @@ class CanGateway:
             return
         t_s = self._since_first_s(scan.begun_ns)
         frames, offset_ns = _spaced(*self._changed(scan, t_s))
-        timed = self._behind(TimedFrames(frames, now_ns + offset_ns))
+        begin_ns = now_ns if since_ns is None else since_ns
+        timed = self._behind(TimedFrames(frames, begin_ns + offset_ns), now_ns)
         rates = self._levels.rates_at(t_s)
         sent = self.faults.apply(timed, rates, scan.number)
         self._silent_until_ns = now_ns + LONGEST_SCAN_NS if self.faults.silent else 0

@@ -82,6 +82,12 @@ class IncomingScan:
         return self.count > MOST_FRAMES
 
     @property
+    def took_ns(self) -> int:
+        """How long its frames took to come, by their stamps."""
+        took_ns = int(self.frames[-1].stamp_ns[-1] - self.frames[0].stamp_ns[0])
+        return min(max(took_ns, 0), LONGEST_SCAN_NS)
+
+    @property
     def has_quality(self) -> bool | None:
         """Whether quality frames come with the clusters; None where that cannot be told."""
         if not self.announced or self._listed_ns is None:

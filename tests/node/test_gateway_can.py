@@ -142,6 +142,18 @@ def test_a_scan_leaves_as_much_later_as_it_took_to_come_and_at_its_spacing() -> 
         assert (np.diff(scan_ns) == SPACING_NS).all()
 
 
+def test_a_gateway_that_was_not_running_for_a_while_makes_good_for_it_within_the_scan() -> None:
+    stalled_ns, came = 6_000_000, stream(2)
+    clock = Clock(gateway({"missed": 1})[0]).play(came.select(slice(0, 140)))
+    clock.advance(CYCLE_NS + LAST_FRAME + stalled_ns)
+    clock.play(came.select(slice(140, None)), batch=81).rest()
+    start = np.flatnonzero(clock.frames.can_id == 0x600)[1]
+    late_ns = clock.times_ns[start:] - (CYCLE_NS + LAST_FRAME)
+    assert late_ns[0] == stalled_ns
+    assert late_ns[-1] == (len(late_ns) - 1) * SPACING_NS
+    assert (np.diff(late_ns) > 0).all(), "no burst"
+
+
 def test_ghosts_do_not_make_a_scan_longer() -> None:
     clock = Clock(gateway({"ghosts": 100})[0]).play(stream(20)).rest()
     starts = np.flatnonzero(clock.frames.can_id == 0x600)
