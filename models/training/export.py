@@ -48,7 +48,7 @@ def export(
         )
     if program is None:  # only ever so with dynamo=False
         raise RuntimeError("torch.onnx.export returned no program")
-    content = program.model_proto
+    content = _without_traces(program.model_proto)
     onnx.helper.set_model_props(
         content,
         {
@@ -59,3 +59,13 @@ def export(
     )
     output.parent.mkdir(parents=True, exist_ok=True)
     onnx.save(content, output)
+
+
+def _without_traces(content: onnx.ModelProto) -> onnx.ModelProto:
+    """Drop what the exporter notes of this machine: paths and source lines of every operator."""
+    graph = content.graph
+    for part in (graph, *graph.node, *graph.input, *graph.output, *graph.value_info):
+        del part.metadata_props[:]
+    for initializer in graph.initializer:
+        del initializer.metadata_props[:]
+    return content
