@@ -1,8 +1,13 @@
-"""Points and goals of a benchmark: what ``murk bench`` prints and writes."""
+"""Points, goals, tables and pictures of a benchmark: what ``murk bench`` prints and writes."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +26,9 @@ class Point:
         Error of its result, in ``unit``; 0 where the result is exact.
     unit:
         Unit of the error.
+    shipped:
+        True where it is what murk does by default. Where a unit has such a point, its points are
+        rivals for one task: the page marks those that no other beats in both time and error.
     """
 
     variant: str
@@ -28,6 +36,7 @@ class Point:
     run_time_us: float
     error: float
     unit: str
+    shipped: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,3 +64,41 @@ class Goal:
     def met(self) -> bool:
         """Whether the value is on the right side of the bound."""
         return self.value >= self.goal if self.at_least else self.value <= self.goal
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Figures in rows and columns; the first column names the row."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str | int | float, ...], ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """A plot for the page: ``draw`` is given an empty figure, 9 × 5 inches."""
+
+    title: str
+    draw: Callable[[Figure], None]
+
+
+Result = Point | Goal | Table | Picture
+
+
+def on_front(points: Sequence[Point]) -> list[bool]:
+    """Tell of each point whether no other is at least as fast and as near, and better in one."""
+    return [
+        not any(
+            other.run_time_us <= point.run_time_us
+            and other.error <= point.error
+            and (other.run_time_us, other.error) != (point.run_time_us, point.error)
+            for other in points
+        )
+        for point in points
+    ]
+
+
+def cell(value: str | float) -> str:
+    """Return a table's entry as text: numbers in four digits."""
+    return value if isinstance(value, str) else f"{value:.4g}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import matplotlib
@@ -12,14 +12,14 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-from models.evaluate.report import Goal, Point
+from models.evaluate.report import Goal, Picture, Point, Result, Table, cell, on_front
 
 MOST_LABELS = 20
 """Points in a plot up to which each is labelled with its knob."""
 
 
 def write_report(
-    name: str, description: str, results: Sequence[Point | Goal], folder: Path
+    name: str, description: str, results: Sequence[Result], folder: Path
 ) -> list[Path]:
     """Write ``NAME.md`` and its plots into a folder; return the files.
 
@@ -43,15 +43,57 @@ def write_report(
         f"| {'yes' if goal.met else '**no**'} |"
         for goal in goals
     ]
-    lines += ["", "| variant | knob | run time, µs | error | unit |", "|---|---|---|---|---|"]
-    lines += [
-        f"| {point.variant} | {point.knob} | {point.run_time_us:.4g} | {point.error:.4g} "
-        f"| {point.unit} |"
-        for point in points
-    ]
+    for result in results:
+        if isinstance(result, Table):
+            lines += ["", f"## {result.title}", "", *_markdown(result.columns, result.rows)]
+        elif isinstance(result, Picture):
+            plots.append(_draw(result, folder / f"{name}-{len(plots) + 1}.png"))
+            lines += ["", f"## {result.title}", "", f"![{result.title}]({plots[-1].name})"]
+    lines += ["", "## All points", "", *_markdown(*_points_table(points))]
     page = folder / f"{name}.md"
     page.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return [page, *plots]
+
+
+def _markdown(columns: Sequence[str], rows: Iterable[Sequence[str | float]]) -> list[str]:
+    lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
+    return lines + [f"| {' | '.join(map(cell, row))} |" for row in rows]
+
+
+def _points_table(points: Sequence[Point]) -> tuple[list[str], list[list[str | float]]]:
+    """Return columns and rows; a bold error is on the front of its unit, where there is one."""
+    columns = ["variant", "knob", "run time, µs", "error", "unit"]
+    best = {id(point) for _, own in _rivals(points) for point in own}
+    rows: list[list[str | float]] = [
+        [
+            f"{point.variant} (default)" if point.shipped else point.variant,
+            point.knob,
+            point.run_time_us,
+            f"**{cell(point.error)}**" if id(point) in best else point.error,
+            point.unit,
+        ]
+        for point in points
+    ]
+    return columns, rows
+
+
+def _rivals(points: Sequence[Point]) -> list[tuple[str, list[Point]]]:
+    """Return, for every unit that has a shipped point, the points on its front by run time."""
+    fronts = []
+    for unit in dict.fromkeys(point.unit for point in points if point.shipped):
+        own = [point for point in points if point.unit == unit]
+        front = [point for point, best in zip(own, on_front(own), strict=True) if best]
+        fronts.append((unit, sorted(front, key=lambda point: point.run_time_us)))
+    return fronts
+
+
+def _draw(picture: Picture, path: Path) -> Path:
+    figure = plt.figure(figsize=(9, 5))
+    picture.draw(figure)
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+    return path
 
 
 def _plot_files(name: str, points: Sequence[Point]) -> dict[str, str]:
@@ -108,6 +150,22 @@ def _draw_front(axis: Axes, points: Sequence[Point], unit: str) -> None:
                 textcoords="offset points",
                 size=7,
             )
+    for _, front in _rivals(points):
+        axis.step(
+            [point.run_time_us for point in front],
+            [point.error for point in front],
+            where="post",
+            color="0.6",
+            linestyle=":",
+            label="front",
+        )
+        axis.plot(
+            [point.run_time_us for point in points if point.shipped],
+            [point.error for point in points if point.shipped],
+            "k*",
+            markersize=15,
+            label="default",
+        )
     axis.set_ylabel(f"error, {unit}")
     axis.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))
 

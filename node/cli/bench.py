@@ -6,11 +6,14 @@ from dataclasses import asdict
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from node.cli.output import emit
+
+if TYPE_CHECKING:
+    from models.evaluate.report import Result
 
 BENCHES = {
     "bus": ("node.bench.bus", "node.bench.gateway"),
@@ -19,7 +22,7 @@ BENCHES = {
     "estimate": ("models.evaluate.estimate",),
     "stability": ("models.evaluate.stability",),
 }
-"""Modules of each benchmark; each has ``run(quick) -> Iterator[Point | Goal]``."""
+"""Modules of each benchmark; each has ``run(quick) -> Iterator[Result]``."""
 
 
 def bench(
@@ -34,18 +37,15 @@ def bench(
 ) -> None:
     """Measure a benchmark; without --quick also write docs/NAME.md with its plots."""
     from dbc.errors import SceneError
-    from models.evaluate.report import Point
 
     if name not in BENCHES:
         raise SceneError(f"bench {name}", "is no benchmark", f"expected {', '.join(BENCHES)}")
     modules = [import_module(module) for module in BENCHES[name]]
-    results = []
+    results: list[Result] = []
     for result in chain.from_iterable(module.run(quick) for module in modules):
         results.append(result)
         if json:
-            kind = "point" if isinstance(result, Point) else "goal"
-            met = {} if isinstance(result, Point) else {"met": result.met}
-            emit({"type": kind, **asdict(result), **met})
+            _emit(result)
     if not json:
         from node.cli.bench_tables import print_results
 
@@ -54,3 +54,13 @@ def bench(
         from models.evaluate.write import write_report
 
         write_report(name, "\n".join(module.__doc__ or "" for module in modules), results, docs)
+
+
+def _emit(result: Result) -> None:
+    """Write a result as a JSON line; a picture is for the page only."""
+    from models.evaluate.report import Goal, Picture
+
+    if isinstance(result, Picture):
+        return
+    met = {"met": result.met} if isinstance(result, Goal) else {}
+    emit({"type": type(result).__name__.lower(), **asdict(result), **met})

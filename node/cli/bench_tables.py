@@ -7,26 +7,33 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
-from models.evaluate.report import Goal, Point
+from models.evaluate import report
+from models.evaluate.report import Goal, Point, Result, cell
 
 
-def print_results(name: str, results: Sequence[Point | Goal]) -> None:
-    """Print the points, then the goals."""
+def print_results(name: str, results: Sequence[Result]) -> None:
+    """Print the tables, then the points, then the goals."""
+    console = Console()
     points = Table("variant", "knob", "run time, µs", "error", "unit", title=f"bench {name}")
     goals = Table("goal", "measured", "asked", "met")
     for result in results:
-        if isinstance(result, Point):
-            points.add_row(
-                result.variant,
-                result.knob,
-                f"{result.run_time_us:.4g}",
-                f"{result.error:.4g}",
-                result.unit,
-            )
-        else:
-            sign = "≥" if result.at_least else "≤"
-            met = "[green]yes[/]" if result.met else "[red]no[/]"
-            goals.add_row(result.name, f"{result.value:.4g}", f"{sign} {result.goal:.4g}", met)
-    console = Console()
+        match result:
+            case Point():
+                points.add_row(
+                    result.variant,
+                    result.knob,
+                    f"{result.run_time_us:.4g}",
+                    f"{result.error:.4g}",
+                    result.unit,
+                )
+            case Goal():
+                sign = "≥" if result.at_least else "≤"
+                met = "[green]yes[/]" if result.met else "[red]no[/]"
+                goals.add_row(result.name, f"{result.value:.4g}", f"{sign} {result.goal:.4g}", met)
+            case report.Table():
+                table = Table(*result.columns, title=result.title)
+                for row in result.rows:
+                    table.add_row(*map(cell, row))
+                console.print(table)
     console.print(points)
     console.print(goals)
