@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from operator import itemgetter
 
 import numpy as np
@@ -23,6 +23,8 @@ from drivers.can_frames import CanFrames, FrameFlag
 
 __all__ = ["RMS_METRES", "Item", "ScanAssembler", "sensor_can_ids"]
 
+_KIND_BITS, _SENSOR_SHIFT = np.uint8(0x0F), np.uint8(4)
+"""What ``kind_table`` packs into a byte."""
 _FOREIGN = int(FrameFlag.EXTENDED | FrameFlag.REMOTE | FrameFlag.ERROR | FrameFlag.FD)
 
 
@@ -80,27 +82,38 @@ class ScanAssembler:
         codes = self._codes.take(frames.can_id, mode="clip")  # the last ID is no radar's
         if frames.flags.any():
             codes[frames.flags & _FOREIGN != 0] = 0
-        if not codes.all():
+        if codes.all():
+            rows = np.arange(len(frames))
+        else:
             rows = np.flatnonzero(codes)
             codes, frames = codes[rows], frames.select(rows)
-        else:
-            rows = np.arange(len(frames))
-        sensor_ids = codes >> 4
-        kinds: NDArray[np.uint8] = codes & np.uint8(0x0F)
-        brief = np.flatnonzero(frames.length < PAYLOAD_BYTES)
-        too_short = frames.length[brief] < self._shortest[kinds[brief]]
-        kinds[brief[too_short]] = Kind.TOO_SHORT
+        if not len(frames):
+            return []
+        kinds: NDArray[np.uint8] = codes & _KIND_BITS
+        is_brief = frames.length < PAYLOAD_BYTES
+        if is_brief.any():
+            kinds[is_brief & (frames.length < self._shortest[kinds])] = Kind.TOO_SHORT
         payload = frames.data[:, :PAYLOAD_BYTES]
         received = RadarFrames(rows, kinds, payload, frames.stamp_ns, frames.stamp_source)
         found: list[Placed] = []
-        for sensor_id, radar in self._radars.items():
-            own = sensor_ids == sensor_id
-            if own.any():
-                found += radar.feed(
-                    received if own.all() else received.take(np.flatnonzero(own)), frames.dropped
-                )
+        for radar, its_frames in self._by_radar(codes >> _SENSOR_SHIFT, received):
+            found += radar.feed(its_frames, frames.dropped)
         found.sort(key=itemgetter(0))
         return [item for _, item in found]
+
+    def _by_radar(
+        self, sensor_ids: NDArray[np.uint8], frames: RadarFrames
+    ) -> Iterator[tuple[Radar, RadarFrames]]:
+        """Yield each radar that sent some of the frames, and those."""
+        if len(self._radars) == 1:
+            yield from ((radar, frames) for radar in self._radars.values())
+            return
+        for sensor_id in np.unique(sensor_ids).tolist():
+            own = sensor_ids == sensor_id
+            yield (
+                self._radars[sensor_id],
+                frames if own.all() else frames.take(np.flatnonzero(own)),
+            )
 
     def flush(self) -> list[Item]:
         """Return the scans that are still open, by stamp: the stream has ended."""

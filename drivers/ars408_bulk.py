@@ -107,8 +107,6 @@ def announcements(frames: RadarFrames) -> list[Announcement]:
     """Decode the status frames of a batch."""
     is_status = np.logical_or.reduce([frames.kind == status for status in MODES])
     start = np.flatnonzero(is_status)
-    if not len(start):
-        return []
     kind = frames.kind[start]
     near, far, counter = (np.zeros(len(start), np.int64) for _ in range(3))
     for status, mode in MODES.items():

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dbc.codec import ars408
 from drivers.ars408_bulk import Announcement, Cycle, RadarFrames, announcements, regular_cycles
-from drivers.ars408_layout import CAN_ID, PAYLOAD_BYTES, Kind, ListLayout
+from drivers.ars408_layout import CAN_ID, MODES, PAYLOAD_BYTES, Kind, ListLayout
 from drivers.ars408_learned import CycleCounter, Expectations
 from drivers.scan import MotionInput, RadarScan, RadarState
 
@@ -22,7 +22,9 @@ Placed = tuple[int, Item]
 """What a frame completes, after the row of that frame."""
 
 _PAYLOAD = np.dtype((np.void, PAYLOAD_BYTES))
-_RADAR_STATE = int(Kind.RADAR_STATE)
+# an int is found several times faster than a member of an enumeration
+_RADAR_STATE, _SPEED, _YAW_RATE = int(Kind.RADAR_STATE), int(Kind.SPEED), int(Kind.YAW_RATE)
+_STATUSES = [int(status) for status in MODES]
 _REVERSE = 2  # of RadarDevice_SpeedDirection
 
 
@@ -59,14 +61,18 @@ class Radar:
     def feed(self, frames: RadarFrames, dropped: int) -> Iterator[Placed]:
         """Yield what the radar's frames of a batch complete; not quite in order of rows."""
         self._dropped = dropped
-        motion = (frames.kind == Kind.SPEED) | (frames.kind == Kind.YAW_RATE)
-        if motion.any():
+        counts = np.bincount(frames.kind, minlength=len(Kind)).tolist()
+        if counts[_SPEED] or counts[_YAW_RATE]:
+            motion = (frames.kind == _SPEED) | (frames.kind == _YAW_RATE)
             yield from self._motion(frames.take(np.flatnonzero(motion)))
             frames = frames.take(np.flatnonzero(~motion))
-        states = self._states(frames)
-        announced = announcements(frames)
-        yield from self._step(frames, 0, announced[0].start if announced else len(frames), states)
-        yield from self._walk(frames, announced, states)
+        states = self._states(frames) if counts[_RADAR_STATE] else {}
+        if any(counts[status] for status in _STATUSES):
+            announced = announcements(frames)
+            yield from self._step(frames, 0, announced[0].start, states)
+            yield from self._walk(frames, announced, states)
+        else:
+            yield from self._step(frames, 0, len(frames), states)
 
     def flush(self) -> Iterator[RadarScan]:
         """Yield the open scan as it is."""
@@ -79,7 +85,7 @@ class Radar:
         yaw_rate = ars408().message(CAN_ID[Kind.YAW_RATE]).decode(frames.payload)
         columns = zip(
             frames.row.tolist(),
-            (frames.kind == Kind.SPEED).tolist(),
+            (frames.kind == _SPEED).tolist(),
             frames.stamp_ns.tolist(),
             (direction * speed["RadarDevice_Speed"]).tolist(),
             yaw_rate["RadarDevice_YawRate"].tolist(),
@@ -94,9 +100,7 @@ class Radar:
 
     def _states(self, frames: RadarFrames) -> dict[int, RadarState]:
         """Decode the radar states of a batch, by place in ``frames``."""
-        place = np.flatnonzero(frames.kind == Kind.RADAR_STATE)
-        if not len(place):
-            return {}
+        place = np.flatnonzero(frames.kind == _RADAR_STATE)
         columns = ars408().message(CAN_ID[Kind.RADAR_STATE]).decode(frames.payload[place])
         rows = zip(*(column.astype(float).tolist() for column in columns.values()), strict=True)
         stamps = frames.stamp_ns[place].tolist()

@@ -108,14 +108,15 @@ def parse_ancillary(control: NDArray[np.void], length: NDArray[np.uintp]) -> Anc
         As in ``Received``.
     """
     stamped = (length >= _STAMP_END) & (control["stamp_type"] == SO_TIMESTAMPING)
-    counted = (length > _STAMP_END) & (control["drop_type"] == SO_RXQ_OVFL)
     software_ns = control["software_s"] * 10**9 + control["software_ns"]
     hardware_ns = control["hardware_s"] * 10**9 + control["hardware_ns"]
-    return Ancillary(
-        software_ns=np.where(stamped, software_ns, 0),
-        hardware_ns=np.where(stamped, hardware_ns, 0),
-        dropped=int(control["dropped"].max(initial=0, where=counted)),
-    )
+    if not stamped.all():
+        software_ns[~stamped] = hardware_ns[~stamped] = 0
+    dropped = 0
+    if (length > _STAMP_END).any():
+        counted = (length > _STAMP_END) & (control["drop_type"] == SO_RXQ_OVFL)
+        dropped = int(control["dropped"].max(initial=0, where=counted))
+    return Ancillary(software_ns, hardware_ns, dropped)
 
 
 class BulkReceiver:

@@ -16,6 +16,7 @@ EXTENDED_BIT, REMOTE_BIT, ERROR_BIT, ID_MASK = 0x80000000, 0x40000000, 0x2000000
 _BIT_RATE_SWITCH, _ERROR_STATE = 1, 2
 
 _REMOTE, _TRANSMITTED = int(FrameFlag.REMOTE), int(FrameFlag.TRANSMITTED)
+_ID_MASK, _FLAG_BITS_SHIFT = np.uint32(ID_MASK), np.uint32(29)
 _ID_FLAGS = np.array(
     [
         FrameFlag.ERROR
@@ -73,21 +74,26 @@ def unpack_frames(
         As in ``CanFrames``.
     """
     frame = datagrams.view(FRAME)[:, 0]
-    is_fd = sizes > CLASSIC_BYTES
-    flags = _ID_FLAGS.take(frame["id"] >> 29)
-    flags |= np.where(message_flags & socket.MSG_DONTROUTE, _TRANSMITTED, 0).astype(np.uint8)
+    identifier = frame["id"]
+    flags = _ID_FLAGS.take(identifier >> _FLAG_BITS_SHIFT)
+    from_here = (message_flags & socket.MSG_DONTROUTE) != 0
+    if from_here.any():
+        flags[from_here] |= _TRANSMITTED
     width = 8
+    is_fd = sizes > CLASSIC_BYTES
     if is_fd.any():
         width = 64
-        flags |= np.where(is_fd, _FD_FLAGS.take(frame["flags"] & 3), 0).astype(np.uint8)
+        flags[is_fd] |= _FD_FLAGS.take(frame["flags"][is_fd] & 3)
     length = np.minimum(frame["length"], np.uint8(width))
-    written = np.where(flags & _REMOTE, 0, length)
-    inside = np.arange(width) < written[:, None]
+    data = frame["data"][:, :width].copy()
+    if (length < width).any() or flags.any():
+        written = np.where(flags & _REMOTE, 0, length)
+        data *= np.arange(width) < written[:, None]
     return CanFrames(
         stamp_ns=stamp_ns,
-        can_id=frame["id"] & np.uint32(ID_MASK),
+        can_id=identifier & _ID_MASK,
         length=length,
-        data=frame["data"][:, :width] * inside,
+        data=data,
         flags=flags,
         channel=np.zeros(len(frame), np.uint8),
         channels=(channel,),
