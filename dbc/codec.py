@@ -54,6 +54,8 @@ class MessageCodec:
         The message's name, frame identifier and payload bytes.
     signals:
         Names of its signals.
+    choices:
+        Names of the values that the file names, by signal and value.
     """
 
     def __init__(self, message: ParsedMessage) -> None:
@@ -65,6 +67,11 @@ class MessageCodec:
         self._windows: list[tuple[slice, np.dtype[np.uint64]]] = []
         self._signals = [self._compile(signal) for signal in message.signals]
         self.signals: tuple[str, ...] = tuple(signal.name for signal in self._signals)
+        self.choices: dict[str, dict[int, str]] = {
+            signal.name: {int(value): str(name) for value, name in signal.choices.items()}
+            for signal in message.signals
+            if signal.choices
+        }
         self._blocks = self._gather()
         self._others = [signal for signal in self._signals if not signal.is_ordinary]
 
@@ -315,3 +322,9 @@ def load_database(path: str | PathLike[str]) -> Database:
 def ars408() -> Database:
     """Return the database of the ARS 408-21 that murk ships."""
     return load_database(Path(__file__).with_name("ars408.dbc"))
+
+
+@cache
+def noise_level() -> MessageCodec:
+    """Return the message that carries a noise level, as the DBC file that murk ships has it."""
+    return load_database(Path(__file__).with_name("noise_level.dbc")).message("NoiseLevel")

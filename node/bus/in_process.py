@@ -27,6 +27,7 @@ class Subscription:
         self.errors = 0
         self._bus = bus
         self._mailbox: Mailbox[Any] = Mailbox(depth, lossless=False)
+        self._caller: Thread | None = None
 
     @property
     def dropped(self) -> int:
@@ -48,6 +49,17 @@ class Subscription:
         """Stop listening; what is queued is still delivered."""
         self._bus.unsubscribe(self)
         self._mailbox.close()
+
+    def start(self, callback: Callable[[Any], None]) -> None:
+        """Have a thread call ``callback`` with every message until closed."""
+        name = f"murk-callback-{self.topic}"
+        self._caller = Thread(target=self.call, args=(callback,), name=name, daemon=True)
+        self._caller.start()
+
+    def join(self, timeout_s: float) -> None:
+        """Wait, after ``close``, until the callback has had what was queued."""
+        if self._caller is not None:
+            self._caller.join(timeout_s)
 
     def call(self, callback: Callable[[Any], None]) -> None:
         """Call ``callback`` with every message until closed; what it raises is counted."""
@@ -116,8 +128,7 @@ class Bus:
             if last_value and topic in self._latest:
                 subscription.deliver(self._latest[topic])
         if callback is not None:
-            name = f"murk-callback-{topic}"
-            Thread(target=subscription.call, args=(callback,), name=name, daemon=True).start()
+            subscription.start(callback)
         return subscription
 
     def unsubscribe(self, subscription: Subscription) -> None:
