@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from models.degrade.camera import Image, check_image
 from models.degrade.checks import check_level
 from models.degrade.draw import DrawKey
-from models.degrade.pointwise import add_noise, strips
+from models.degrade.pointwise import add_noise, words
 
 KINDS = ("motion", "tunnel", "poisson", "salt_pepper", "low_light", "jpeg", "dead")
 
@@ -213,19 +213,20 @@ def _apart(image: Image, x: int, y: int) -> tuple[Image, Image]:
 
 
 def _sprinkle(stuck: Stuck, image: Image) -> Image:
-    """Turn pixels white or black: two random bytes a pixel decide."""
+    """Turn pixels white or black: the ends of a random 16-bit word decide."""
     flat = np.ascontiguousarray(image).reshape(1, -1, 3)
-    pixels = flat.shape[1]
     edge = round(stuck.pixel_share / 2 * 65536)
-    at_least, at_most = np.zeros(65536, np.uint8), np.full(65536, 255, np.uint8)
-    at_least[65536 - edge :], at_most[:edge] = 255, 0
     result = np.empty_like(flat)
-    fine = strips(stuck.seed ^ 1, pixels, 1)
-    for (part, random, _), (_, more, _) in zip(strips(stuck.seed, pixels, 1), fine, strict=True):
-        fate = cv2.merge([random, more]).view("<u2").reshape(1, -1)
-        low, high = (cv2.merge([cv2.LUT(fate, table)] * 3) for table in (at_least, at_most))
-        result[:, part] = cv2.min(cv2.max(flat[:, part], low), high)
+    for part, fate in words(stuck.seed, flat.shape[1]):
+        here = result[:, part]
+        cv2.max(flat[:, part], _white_where(fate >= 65536 - edge), dst=here)
+        cv2.min(here, _white_where(fate >= edge), dst=here)
     return np.asarray(result.reshape(image.shape), np.uint8)
+
+
+def _white_where(mask: NDArray[np.bool_]) -> Image:
+    """Return 255 where the mask holds and 0 elsewhere, in three channels."""
+    return np.asarray(cv2.cvtColor(np.negative(mask.view(np.uint8)), cv2.COLOR_GRAY2BGR), np.uint8)
 
 
 def _kill(stuck: Stuck, image: Image) -> Image:

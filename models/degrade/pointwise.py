@@ -40,6 +40,20 @@ def strips(seed: int, size: int, tables: int) -> Iterator[tuple[slice, Bytes, in
         yield slice(start, start + n), random, order[strip % tables]
 
 
+def words(seed: int, size: int) -> Iterator[tuple[slice, NDArray[np.uint16]]]:
+    """Yield the parts of ``size`` samples and (1, n) random 16-bit words for each.
+
+    As in ``strips`` a word is the sum of two, each from a place of its own in a bank.
+    """
+    first, second = (bank.view("<u2") for bank in _banks())
+    starts = range(0, size, _MAX_STRIP // 2)
+    places = np.random.SFC64(seed).random_raw((len(starts), 2))
+    places %= np.uint64(first.size - _MAX_STRIP // 2)
+    for start, (one, other) in zip(starts, places.tolist(), strict=True):
+        n = min(_MAX_STRIP // 2, size - start)
+        yield slice(start, start + n), first[None, one : one + n] + second[None, other : other + n]
+
+
 @cache
 def _banks() -> tuple[Bytes, Bytes]:
     """Return two banks of ``_BANK`` random bytes, the same in every run."""
@@ -93,7 +107,7 @@ def add_noise(
 
 
 def veil(image: Bytes, transmission: Bytes, airlight: float) -> Bytes:
-    """Return ``value t + airlight (1 - t)``, rounded, with t = transmission / 255.
+    """Return ``value t + airlight (1 - t)``, both parts rounded, with t = transmission / 255.
 
     Parameters
     ----------
@@ -104,15 +118,7 @@ def veil(image: Bytes, transmission: Bytes, airlight: float) -> Bytes:
     airlight:
         Counts.
     """
-    t = np.arange(256, dtype=np.float32)[:, None] / 255
-    mixed = t * np.arange(256, dtype=np.float32) + (1 - t) * airlight
-    table = np.clip(np.rint(mixed), 0, 255).astype(np.uint8).reshape(1, -1)
-    veiled = np.empty_like(image)
-    height, width = transmission.shape
-    rows = max(1, _MAX_STRIP // (3 * width))
-    for first in range(0, height, rows):
-        block = np.ascontiguousarray(image[first : first + rows])
-        through = cv2.merge([transmission[first : first + rows]] * 3)
-        pairs = cv2.merge([block.reshape(1, -1), through.reshape(1, -1)]).view("<u2")
-        veiled[first : first + rows] = cv2.LUT(pairs.reshape(1, -1), table).reshape(block.shape)
-    return veiled
+    glow = np.clip(np.rint(airlight * (1 - np.arange(256) / 255)), 0, 255).astype(np.uint8)
+    through = cv2.multiply(image, cv2.cvtColor(transmission, cv2.COLOR_GRAY2BGR), scale=1 / 255)
+    veil_of_light = cv2.cvtColor(cv2.LUT(transmission, glow), cv2.COLOR_GRAY2BGR)
+    return np.asarray(cv2.add(through, veil_of_light, dst=through), np.uint8)

@@ -242,7 +242,8 @@ def _exact_fog(fog: weather.Weather, image: Image) -> Exact:
     assert fog.haze is not None
     depth = weather.default_depth(image.shape[0])[:, None, None]
     t = np.exp(-fog.haze.extinction * depth)
-    return np.asarray(image * t + fog.haze.airlight * (1 - t))
+    airlight = fog.haze.airlight * weather.scene_light(image)
+    return np.asarray(image * t + airlight * (1 - t))
 
 
 def _radar(quick: bool) -> Iterator[Point | Goal]:

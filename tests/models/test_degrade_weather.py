@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import pairwise
 
 import cv2
@@ -78,25 +78,53 @@ def test_bad_requests_are_refused():
 
 
 @pytest.mark.parametrize("distance", [0.5, 10.0, 50.0, 200.0, 1e6, math.inf, math.nan, -1.0])
-def test_fog_follows_koschmieder(distance):
-    image = np.full((20, 30, 3), 40, np.uint8)
-    haze = weather.Haze(extinction=weather.CONTRAST_LIMIT / 50, airlight=200.0)
+def test_fog_of_a_given_depth_is_koschmieders_law(distance):
+    image = np.full((40, 60, 3), 40, np.uint8)
+    image[:18] = 200  # the sky lights the air
+    haze = weather.Haze(extinction=weather.CONTRAST_LIMIT / 50, airlight=0.9)
     fog = weather.Weather("fog", 100, haze, 0, 0.0, ())
-    depth = np.full((20, 30), distance, np.float32)
-    result = weather.apply(fog, image, depth_m=depth)
+    depth = np.full((40, 60), distance, np.float32)
+    result = weather.apply(fog, image, depth_m=depth)[18:].astype(float)
     usable = distance if distance > 0 else math.inf
     t = math.exp(-min(usable, weather.FARTHEST_M) * haze.extinction)
-    assert np.abs(result - (40 * t + 200 * (1 - t))).max() <= 1
+    assert np.abs(result - (40 * t + 0.9 * 200 * (1 - t))).max() <= 1
     if distance == 50:  # at the visibility range 2 % of the contrast is left
         assert t == pytest.approx(0.02, rel=1e-3)
 
 
-def test_fog_thickens_toward_the_horizon():
+@pytest.mark.parametrize("horizon", [0.2, 0.45, 0.7])
+def test_fog_thickens_toward_the_horizon(horizon):
     image = np.zeros((180, 320, 3), np.uint8)
-    rows = degrade("fog", 30, image).mean(axis=(1, 2))
-    horizon = int(0.45 * 180)
-    assert rows[horizon] > rows[-1] + 50
-    assert rows[horizon] > rows[0] + 10
+    image[:, ::2] = 200  # of one light all over, and with contrast
+    drawn = weather.draw("fog", 30, KEY, horizon=horizon)
+    even = replace(drawn, haze=replace(drawn.haze, patchiness=0.0))
+    contrast = weather.apply(even, image).std(axis=(1, 2))
+    assert contrast[round(horizon * 180)] < contrast.min() + 3
+    assert contrast.min() < 0.8 * contrast[0]
+    assert contrast.min() < 0.3 * contrast[-1]
+
+
+@pytest.mark.parametrize("horizon", [-0.1, 1.1, math.nan])
+def test_an_impossible_horizon_is_refused(horizon):
+    with pytest.raises(InputError, match="horizon"):
+        weather.draw("fog", 50, KEY, horizon=horizon)
+
+
+@pytest.mark.parametrize("kind", ["fog", "rain", "snow", "dirt"])
+def test_the_air_is_as_bright_as_the_scene(kind):
+    """At night nothing glows, nor do flakes and streaks but by the light that there is."""
+    day = np.maximum(scene(), 100)
+    night = day // 10
+    brightest = [int(degrade(kind, 100, image).max()) for image in (day, night)]
+    assert brightest[1] < 2 * night.max()
+    assert brightest[0] > 5 * brightest[1]
+
+
+def test_a_lamp_does_not_light_the_whole_night():
+    night = np.full((180, 320, 3), 10, np.uint8)
+    assert weather.scene_light(night) == 10
+    night[30:50, 100:120] = 255
+    assert weather.scene_light(night) == 10
 
 
 def test_fog_drifts_without_jumps_and_drops_stay():
