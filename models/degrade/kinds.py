@@ -29,6 +29,9 @@ KINDS = {
 }
 """Kinds that can be injected, by sensor type: ``camera`` or ``radar``."""
 
+HAZY = ("fog", "rain", "snow")
+"""Kinds that depend on depth: ``draw`` takes ``horizon``, and ``apply`` takes ``depth_m``."""
+
 
 def module_of(sensor_type: str, kind: str) -> ModuleType:
     """Import and return the module that draws and applies a kind.

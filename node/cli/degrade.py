@@ -33,6 +33,14 @@ def degrade(
         bool, typer.Option("--all", help="Every kind of the input's sensors at 0, 10, … 100 %.")
     ] = False,
     seed: Annotated[int, typer.Option(help="The same seed gives the same bytes.")] = 1,
+    horizon: Annotated[
+        float | None,
+        typer.Option(help="For weather: share of the image above the horizon.", metavar="N"),
+    ] = None,
+    depth: Annotated[
+        Path | None,
+        typer.Option(help="For weather: folder of depth maps.", metavar="FOLDER"),
+    ] = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Dask scheduler instead of this machine.", metavar="TCP")
     ] = None,
@@ -56,7 +64,9 @@ def degrade(
         raise SceneError("murk degrade", "needs INPUT and OUTPUT", "or --sheet")
     if every == bool(kind or level) or (not every and not (kind and level)):
         raise SceneError("murk degrade", "what is to be done?", "--kind and --level, or --all")
-    plan = make_plan(source, output, kind or [], level or ALL_LEVELS, seed)
+    plan = make_plan(
+        source, output, kind or [], level or ALL_LEVELS, seed, horizon=horizon, depth=depth
+    )
     _run(plan, scheduler, json=json)
 
 

@@ -13,7 +13,8 @@ from uuid import uuid4
 
 from dbc.errors import InputError
 from models.degrade.draw import DrawKey
-from models.degrade.kinds import module_of
+from models.degrade.kinds import HAZY, module_of
+from node.dataset.depth import read_depth_map
 from node.dataset.sources import SENSOR_TYPE, Source
 
 STATE = ".murk"
@@ -36,6 +37,10 @@ class Job:
         The folder of the whole run, absolute.
     target:
         The degraded file, relative to ``output``, with ``/``.
+    horizon:
+        Share of the image's height above the horizon, for weather; None: as usual.
+    depth:
+        The image's depth map, for weather.
     """
 
     source: Source
@@ -44,6 +49,8 @@ class Job:
     seed: int
     output: Path
     target: str
+    horizon: float | None = None
+    depth: Path | None = None
 
     @property
     def labels(self) -> Path:
@@ -70,7 +77,9 @@ class Job:
         Where nothing happens to it (level 0) it comes back itself.
         """
         module = module_of(SENSOR_TYPE[self.source.form], self.kind)
-        drawn = module.draw(self.kind, self.level, DrawKey(self.seed, sensor, sequence))
+        drawn_with, applied_with = self._options(data)
+        key = DrawKey(self.seed, sensor, sequence)
+        drawn = module.draw(self.kind, self.level, key, **drawn_with)
         label = {
             "file": self.target,
             "sensor": sensor,
@@ -80,7 +89,16 @@ class Job:
             "seed": self.seed,
             "drawn": asdict(drawn),
         }
-        return module.apply(drawn, data), label
+        return module.apply(drawn, data, **applied_with), label
+
+    def _options(self, data: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return what else the drawing and the applying of this kind take."""
+        if self.kind not in HAZY:
+            return {}, {}
+        drawn_with = {} if self.horizon is None else {"horizon": self.horizon}
+        if self.depth is None:
+            return drawn_with, {}
+        return drawn_with, {"depth_m": read_depth_map(self.depth, data.shape[:2])}
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,8 @@ from typing import Any
 
 from dbc.errors import InputError, SceneError
 from models.degrade.checks import check_within
-from models.degrade.kinds import KINDS
+from models.degrade.kinds import HAZY, KINDS
+from node.dataset.depth import find_depth_map
 from node.dataset.job import STATE, Job
 from node.dataset.sources import SENSOR_TYPE, Source, find_sources
 
@@ -43,7 +44,14 @@ class Plan:
 
 
 def make_plan(
-    source: Path, output: Path, kinds: Sequence[str], levels: Sequence[float], seed: int
+    source: Path,
+    output: Path,
+    kinds: Sequence[str],
+    levels: Sequence[float],
+    seed: int,
+    *,
+    horizon: float | None = None,
+    depth: Path | None = None,
 ) -> Plan:
     """List the jobs and check that nothing that is there already would be overwritten.
 
@@ -56,23 +64,39 @@ def make_plan(
         is more than one pair of kind and level, each pair has a folder ``<kind>_<level>`` in it.
     kinds, levels:
         Every kind at every level (%); no kinds: every kind of the sensors that the input has.
+    horizon:
+        For weather: share of the images' height above the horizon; None: as usual.
+    depth:
+        For weather: a folder with a depth map for each image, at the same place as the image.
 
     Raises
     ------
     SceneError
         If a kind or a level is none, or no file of the input can have a kind.
     InputError
-        If the input holds nothing to degrade, or the output cannot be used.
+        If the input holds nothing to degrade, an image has no depth map, or the output cannot be
+        used.
     """
     sources, ignored = find_sources(source)
     wanted = _check_kinds(sources, list(dict.fromkeys(kinds)))
     levels = list(dict.fromkeys(levels))
     for level in levels:
         check_within("--level", level, 0.0, 100.0, "%")
+    if horizon is not None:
+        check_within("--horizon", horizon, 0.0, 1.0, "of the image's height")
     output = output.resolve()
     pairs = [(kind, level) for kind in wanted for level in levels]
     jobs = [
-        Job(file, kind, level, seed, output, _target(file, kind, level, len(pairs) > 1))
+        Job(
+            source=file,
+            kind=kind,
+            level=level,
+            seed=seed,
+            output=output,
+            target=_target(file, kind, level, len(pairs) > 1),
+            horizon=horizon,
+            depth=find_depth_map(depth.absolute(), file) if depth and kind in HAZY else None,
+        )
         for kind, level in pairs
         for file in sources
         if kind in KINDS[SENSOR_TYPE[file.form]]
@@ -83,6 +107,8 @@ def make_plan(
         "kinds": wanted,
         "levels": levels,
         "seed": seed,
+        "horizon": horizon,
+        "depth": str(depth.resolve()) if depth else None,
     }
     _check_places(source.resolve(), output, jobs)
     _check_output(output, settings)
