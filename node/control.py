@@ -1,6 +1,7 @@
-"""Live control of a running gateway, through a local socket that only its owner can open.
+"""Live control of a running gateway or node, through a local socket that only its owner can open.
 
-Each gateway listens on one socket, named after its sensor, in a folder of its user. A request is
+Each gateway listens on one socket, named after its sensor, and each node (``murk run``) on one
+named after its scene, in a folder of their user. A request is
 one line of JSON, ``{"kind": "snr", "level": 60}``, and so is the answer: ``{"ok": true}``, or
 ``{"ok": false, "where": ..., "what": ..., "remedy": ...}``.
 """
@@ -18,12 +19,13 @@ from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
 from types import TracebackType
-from typing import Any, Self, cast
+from typing import Any, Literal, Self, cast
 
 from dbc.errors import InputError, SceneError
 
-SUFFIX = ".gateway"
+Role = Literal["gateway", "node"]
 ANSWER_TIMEOUT_S = 5.0
+_NAMED_BY: dict[Role, str] = {"gateway": "--sensor", "node": "the scene's name"}
 _LONGEST_REQUEST = 1024
 _CREDENTIALS = struct.Struct("3i")
 """``struct ucred``: process, user, group."""
@@ -32,37 +34,40 @@ SetLevel = Callable[[str, float], None]
 
 
 class ControlError(InputError):
-    """A control socket cannot be made, or there is no gateway for the sensor."""
+    """A control socket cannot be made, or nothing of that name is running."""
 
 
 class ControlServer:
-    """Listens for the commands to one gateway; use it as a context manager, or ``close`` it.
+    """Listens for the commands to one gateway or node; a context manager, or ``close`` it.
 
     Parameters
     ----------
-    sensor:
-        The gateway's sensor.
+    name:
+        The gateway's sensor, or the node's scene.
     set_level:
-        Is called with kind and level (%); what it raises of ``InputError`` goes to the caller.
+        Is called with kind and level (%), or with a parameter of the node and its value; what it
+        raises of ``InputError`` goes to the caller.
+    role:
+        Who listens.
 
     Raises
     ------
     ControlError
-        If a gateway for this sensor is running already, or the socket cannot be made.
+        If one of this name is running already, or the socket cannot be made.
     """
 
-    def __init__(self, sensor: str, set_level: SetLevel) -> None:
-        self._path = _socket_path(sensor)
+    def __init__(self, name: str, set_level: SetLevel, role: Role = "gateway") -> None:
+        self._path = _socket_path(name, role)
         if _answers(self._path):
-            remedy = "end it, or name this one's sensor otherwise with --sensor"
-            raise ControlError(sensor, "has a running gateway already", remedy)
+            remedy = f"end it, or name this one otherwise ({_NAMED_BY[role]})"
+            raise ControlError(name, f"has a running {role} already", remedy)
         self._path.unlink(missing_ok=True)
         try:
             self._server = _Server(self._path, set_level)
         except OSError as error:
             raise ControlError(self._path, f"no control socket: {error.strerror}") from None
-        name = f"murk-control-{sensor}"
-        self._thread = Thread(target=self._server.serve_forever, args=(0.05,), name=name)
+        self._thread = Thread(target=self._server.serve_forever, args=(0.05,))
+        self._thread.name = f"murk-control-{name}"
         self._thread.daemon = True
         self._thread.start()
 
@@ -85,25 +90,28 @@ class ControlServer:
         self.close()
 
 
-def set_level(sensor: str, kind: str, level: float) -> None:
-    """Set a level (%) in the gateway that runs for a sensor, in whatever process of this user.
+def set_level(name: str, kind: str, level: float, role: Role = "gateway") -> None:
+    """Set a level (%) in a running gateway or node, in whatever process of this user.
 
     Parameters
     ----------
-    sensor:
-        Name of the gateway's sensor.
+    name:
+        The gateway's sensor, or the node's scene.
     kind, level:
-        An injection and its level, or a fault and its rate, in %.
+        An injection and its level, or a fault and its rate, in %; of a node a parameter (see
+        ``node.parameters``) and its value.
+    role:
+        Who shall be told.
 
     Raises
     ------
     ControlError
-        If no gateway runs for the sensor.
+        If none of this name runs.
     SceneError
-        If the sensor has no such kind, or the level is outside 0–100 %.
+        If there is no such kind or parameter, or the value is impossible.
     """
     try:
-        path = _socket_path(sensor)
+        path = _socket_path(name, role)
         with socket.socket(socket.AF_UNIX) as connection:
             connection.settimeout(ANSWER_TIMEOUT_S)
             connection.connect(str(path))
@@ -111,18 +119,18 @@ def set_level(sensor: str, kind: str, level: float) -> None:
             with connection.makefile("rb") as answers:
                 answer = json.loads(answers.readline())
     except TimeoutError:
-        raise ControlError(sensor, "its gateway does not answer") from None
+        raise ControlError(name, f"its {role} does not answer") from None
     except (OSError, ValueError):
-        running = ", ".join(running_gateways())
-        remedy = f"running: {running}" if running else "none is running"
-        raise ControlError(sensor, "has no running gateway", remedy) from None
+        others = ", ".join(running(role))
+        remedy = f"running: {others}" if others else "none is running"
+        raise ControlError(name, f"has no running {role}", remedy) from None
     if not answer["ok"]:
         raise SceneError(answer["where"], answer["what"], answer["remedy"])
 
 
-def running_gateways() -> list[str]:
-    """Return the sensors for which a gateway of this user runs."""
-    return sorted(path.stem for path in _folder().glob(f"*{SUFFIX}") if _answers(path))
+def running(role: Role = "gateway") -> list[str]:
+    """Return the names of this user's running gateways or nodes."""
+    return sorted(path.stem for path in _folder().glob(f"*.{role}") if _answers(path))
 
 
 class _Server(socketserver.ThreadingUnixStreamServer):
@@ -182,8 +190,8 @@ def _answers(path: Path) -> bool:
     return True
 
 
-def _socket_path(sensor: str) -> Path:
-    return _folder() / f"{sensor}{SUFFIX}"
+def _socket_path(name: str, role: Role) -> Path:
+    return _folder() / f"{name.replace('/', '_')}.{role}"
 
 
 def _folder() -> Path:

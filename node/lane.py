@@ -62,6 +62,8 @@ class Lane:
         Whether the sensor speaks.
     ended:
         Whether the worker has handed over its last result.
+    active:
+        Whether what comes is estimated; while it is not, it is read and left aside.
     """
 
     def __init__(self, plan: Plan, sensor: Sensor, source: Source, bus: Bus) -> None:
@@ -71,6 +73,7 @@ class Lane:
         self.error: MurkError | None = None
         self.health = Health(sensor.name, monotonic())
         self.ended = False
+        self.active = True
         self.injector: Injector | None = None
         if plan.keeps("inject", sensor.name):
             wanted = (one for one in scene.injections if one.sensor == sensor.name)
@@ -126,6 +129,9 @@ class Lane:
                 return
             self._tell(self.health.seen(monotonic()))
             self.statistics.receive(message)
+            if not self.active:
+                self.statistics.left_aside += 1
+                continue
             self._queue.put(Arrived(message, monotonic_ns(), t_ns))
         if not self.statistics.received and not stop.is_set():
             raise self._nothing(objects_only)

@@ -12,6 +12,7 @@ from dbc.errors import SceneError
 from models.estimate.level import NoiseLevel
 from node.bus.in_process import Bus
 from node.lane import Lane, Result
+from node.lifecycle import Lifecycle
 from node.mailbox import Mailbox
 from node.plan import Plan
 from node.sources import open_source
@@ -35,7 +36,8 @@ class Pipeline:
         What to run.
     bus:
         Where to publish: ``/murk/<sensor>/noise_level``, ``scan`` or ``image`` (as degraded),
-        ``radar_state``, ``motion_input`` and ``event`` (of a live sensor).
+        ``radar_state``, ``motion_input`` and ``event`` (of a live sensor); and the node's own
+        ``/murk/node/state``.
 
     Attributes
     ----------
@@ -55,13 +57,14 @@ class Pipeline:
         self._wall_time_s = 0.0
         self._lanes: dict[str, Lane] = {}
         world = _world(plan) if plan.keeps("world") else None
+        self._lifecycle = Lifecycle(plan.scene.name, bus)
         try:
             for sensor in plan.scene.sensors:
                 self._lanes[sensor.name] = Lane(plan, sensor, open_source(sensor, world), bus)
         except BaseException:
-            for lane in self._lanes.values():
-                lane.source.close()
+            self.close()
             raise
+        self._lifecycle.enter("inactive")
 
     def run(self) -> Iterator[NoiseLevel]:
         """Yield every noise level until all sources have ended or ``stop`` is called.
@@ -82,6 +85,7 @@ class Pipeline:
         ]
         for thread in threads:
             thread.start()
+        self.activate()
         try:
             if self.plan.scene.clock.fast:
                 yield from self._in_order(self._arriving())
@@ -93,10 +97,29 @@ class Pipeline:
             self._results.close()
             for thread in threads:
                 thread.join(JOIN_S)
+            self._lifecycle.close()
             self._wall_time_s = monotonic() - started_s
         for lane in self._lanes.values():
             if lane.error is not None:
                 raise lane.error
+
+    def activate(self) -> None:
+        """Estimate and publish from now on, as ``run`` does from its start."""
+        for lane in self._lanes.values():
+            lane.active = True
+        self._lifecycle.enter("active")
+
+    def deactivate(self) -> None:
+        """Read the sensors on, and leave what comes from them aside until ``activate``."""
+        for lane in self._lanes.values():
+            lane.active = False
+        self._lifecycle.enter("inactive")
+
+    def close(self) -> None:
+        """Release what a pipeline holds that was never run; ``run`` does it by itself."""
+        for lane in self._lanes.values():
+            lane.source.close()
+        self._lifecycle.close()
 
     def stop(self) -> None:
         """Ask the run to end; what is queued is still estimated. Safe in a signal handler."""

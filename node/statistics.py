@@ -31,6 +31,8 @@ class SensorStatistics:
         Messages that made room for newer ones.
     frames_lost, cycles_lost:
         CAN frames missing from scans, and whole radar cycles missing between scans.
+    left_aside:
+        Messages that came while the node was inactive.
     failures:
         Messages that could not be processed.
     events:
@@ -43,6 +45,7 @@ class SensorStatistics:
     dropped_by_queue: int = 0
     frames_lost: int = 0
     cycles_lost: int = 0
+    left_aside: int = 0
     failures: int = 0
     events: dict[str, int] = field(default_factory=dict)
     first_stamp_ns: int | None = None
@@ -92,6 +95,8 @@ class SensorStatistics:
                 "failures",
             )
         }
+        if self.left_aside:
+            record["left_aside"] = self.left_aside
         if self.events:
             record["events"] = dict(self.events)
         if self.first_stamp_ns is not None and self.last_stamp_ns > self.first_stamp_ns:

@@ -79,7 +79,7 @@ class CanOutput:
         return {"sent": self._sent, "failed": self._failed, "dropped": dropped}
 
     def close(self) -> None:
-        """Send what is queued, fall silent and close the bus; silence tells a listener that the node has gone."""
+        """Send what is queued, then fall silent, which tells a listener that the node has gone."""
         for subscription in self._subscriptions:
             subscription.close()
         for subscription in self._subscriptions:

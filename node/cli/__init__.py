@@ -22,6 +22,7 @@ from node.cli import (
     play,
     radar,
     run,
+    set_parameter,
     train,
 )
 
@@ -61,6 +62,7 @@ app.command()(play.play)
 app.add_typer(radar.app, name="radar")
 app.command()(gateway.gateway)
 app.command()(degrade.degrade)
+app.command("set")(set_parameter.set_parameter)
 
 
 def main() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -33,6 +34,7 @@ from node.cli.scene_flags import (
 
 if TYPE_CHECKING:
     from models.estimate.level import NoiseLevel
+    from node.events import NodeEvent
     from node.health import SensorEvent
     from node.pipeline import Pipeline
     from node.scene import Scene
@@ -97,20 +99,26 @@ def execute(scene: Scene, *, json: bool) -> dict[str, Any]:
     """
     from dbc.errors import MurkError
     from node.bus.in_process import Bus
+    from node.events import EVENT_TOPIC
     from node.outputs import open_outputs
+    from node.parameters import Parameters
     from node.pipeline import Pipeline
     from node.plan import plan
 
     kept: list[NoiseLevel] = []
     error: MurkError | None = None
     with Bus() as bus:
-        pipeline = Pipeline(plan(scene), bus)
-        _stop_on_signals(pipeline)
         if json:
+            bus.subscribe(EVENT_TOPIC, _emit_node_event)
             for sensor in scene.sensors:
                 bus.subscribe(f"/murk/{sensor.name}/event", _emit_event)
         show = _emit_levels if json else _watch_levels
-        with open_outputs(pipeline.plan, bus, pipeline.set_injection) as outputs:
+        with (
+            closing(Pipeline(plan(scene), bus)) as pipeline,
+            open_outputs(pipeline.plan, bus, pipeline.set_injection) as outputs,
+            Parameters(pipeline, bus),
+        ):
+            _stop_on_signals(pipeline)
             try:
                 show(pipeline, kept if scene.outputs.picture else None)
             except MurkError as failed:
@@ -148,6 +156,10 @@ def _emit_levels(pipeline: Pipeline, kept: list[NoiseLevel] | None) -> None:
 
 def _emit_event(event: SensorEvent) -> None:
     emit({"type": "event", **asdict(event)})
+
+
+def _emit_node_event(event: NodeEvent) -> None:
+    emit({"type": "node_event", **asdict(event)})
 
 
 def _watch_levels(pipeline: Pipeline, kept: list[NoiseLevel] | None) -> None:

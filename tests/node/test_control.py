@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from dbc.errors import SceneError
-from node.control import ControlError, ControlServer, running_gateways, set_level
+from node.control import ControlError, ControlServer, running, set_level
 
 
 @pytest.fixture(autouse=True)
@@ -40,11 +40,11 @@ def ask(path: Path, *lines: bytes) -> list[dict[str, object]]:
 def test_a_level_reaches_the_gateway() -> None:
     levels = Levels()
     with ControlServer("radar", levels.set_level):
-        assert running_gateways() == ["radar"]
+        assert running() == ["radar"]
         set_level("radar", "snr", 60)
         set_level("radar", "drop", 5)
     assert levels.set == [("snr", 60), ("drop", 5)]
-    assert running_gateways() == []
+    assert running() == []
 
 
 def test_the_gateways_refusal_is_raised_by_the_call() -> None:
@@ -110,7 +110,7 @@ def test_the_socket_of_a_crashed_gateway_is_replaced(runtime: Path) -> None:
         pass  # makes the folder
     with socket.socket(socket.AF_UNIX) as crashed:
         crashed.bind(str(runtime / "murk" / "radar.gateway"))
-    assert running_gateways() == []
+    assert running() == []
     levels = Levels()
     with ControlServer("radar", levels.set_level):
         set_level("radar", "snr", 60)

@@ -18,7 +18,7 @@ from drivers.can_bus import CanBus, open_bus
 from drivers.can_frames import CanFrames, concatenate
 from drivers.candump import write_candump
 from drivers.scan import RadarScan
-from node.control import ControlError, running_gateways, set_level
+from node.control import ControlError, running, set_level
 from node.gateway import Gateway, sensor_type_of
 from node.gateway_scene import GatewayScene, build_gateway_scene
 from node.pytest_plugin import OpenGateway, StartReplay
@@ -159,7 +159,7 @@ def test_live_control_reaches_the_running_gateway(buses: tuple[str, str, CanBus,
             set_level("radar", "snr", float("nan"))
         with pytest.raises(ControlError, match="camera: has no running gateway; running: radar"):
             set_level("camera", "blur", 10)
-    assert running_gateways() == []
+    assert running() == []
 
 
 def test_nothing_is_left_half_open(buses: tuple[str, str, CanBus, CanBus]) -> None:
@@ -172,7 +172,7 @@ def test_nothing_is_left_half_open(buses: tuple[str, str, CanBus, CanBus]) -> No
         Gateway(scene("udp_multicast:239.74.163.2"), "udp_multicast:239.74.163.3")
     with Gateway(scene(before), after), pytest.raises(ControlError, match="already"):
         Gateway(scene(before), after)
-    assert running_gateways() == []
+    assert running() == []
     camera = build_gateway_scene(None, "camera", "world")
     with pytest.raises(InputError, match="--both-ways"):
         Gateway(camera, "-", both_ways=True)

@@ -27,7 +27,7 @@ from drivers.candump import read_candump, write_candump
 from drivers.frame import Frame
 from drivers.scan import RadarScan
 from node import cli
-from node.control import running_gateways, set_level
+from node.control import running, set_level
 from node.estimator import Estimator, load_network
 from node.gateway import Gateway
 from node.gateway_scene import build_gateway_scene
@@ -220,7 +220,7 @@ def test_the_command_obeys_and_ends_with_a_whole_scan_and_silence(
     play = ["canplayer", "-I", tmp_path / "sent.log", "-g", "1", "vcan0=can0"]
 
     def operate() -> None:
-        wait_until(lambda: running_gateways() == ["radar"])
+        wait_until(lambda: running() == ["radar"])
         time.sleep(1)
         set_level("radar", "missed", 100)
         time.sleep(2)
