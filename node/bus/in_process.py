@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Iterator
 from threading import Lock, Thread
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 from node.mailbox import Closed, Mailbox
 
@@ -14,6 +14,16 @@ log = logging.getLogger("murk.bus")
 
 KEEP_LAST = 5
 """Messages kept for a subscriber that is behind, as ROS 2's sensor-data QoS does."""
+
+
+class Listener(Protocol):
+    """Whatever takes the messages of a topic, each in the thread that publishes it."""
+
+    def deliver(self, message: Any) -> None:
+        """Take a message."""
+
+    def close(self) -> None:
+        """Take no more, and leave the bus."""
 
 
 class Subscription:
@@ -47,7 +57,7 @@ class Subscription:
 
     def close(self) -> None:
         """Stop listening; what is queued is still delivered."""
-        self._bus.unsubscribe(self)
+        self._bus.detach(self.topic, self)
         self._mailbox.close()
 
     def start(self, callback: Callable[[Any], None]) -> None:
@@ -75,22 +85,24 @@ class Subscription:
 
 
 class Bus:
-    """Topics by name; publishing costs one queue operation a subscriber and never waits.
+    """Topics by name; publishing costs one queue operation a subscriber.
 
+    It never waits, but for a recorder that shall lose nothing of a run as fast as possible.
     Use as a context manager, or call ``close``.
     """
 
     def __init__(self) -> None:
         self._lock = Lock()
-        self._subscriptions: dict[str, list[Subscription]] = {}
+        self._listeners: dict[str, list[Listener]] = {}
         self._latest: dict[str, Any] = {}
 
     def publish(self, topic: str, message: Any) -> None:
-        """Make ``message`` the topic's latest value and queue it for every subscriber."""
+        """Make ``message`` the topic's latest value and deliver it to every listener."""
         with self._lock:
             self._latest[topic] = message
-            for subscription in self._subscriptions.get(topic, ()):
-                subscription.deliver(message)
+            listeners = tuple(self._listeners.get(topic, ()))
+        for listener in listeners:
+            listener.deliver(message)
 
     def latest(self, topic: str) -> Any | None:
         """Return the last message published on the topic, or None."""
@@ -103,7 +115,7 @@ class Bus:
 
     def has_subscribers(self, topic: str) -> bool:
         """Tell whether anybody listens, so that nothing is made for nobody."""
-        return bool(self._subscriptions.get(topic))
+        return bool(self._listeners.get(topic))
 
     def subscribe(
         self,
@@ -123,27 +135,31 @@ class Bus:
             Deliver the topic's latest value at once (a late joiner's first message).
         """
         subscription = Subscription(self, topic, depth)
-        with self._lock:
-            self._subscriptions.setdefault(topic, []).append(subscription)
-            if last_value and topic in self._latest:
-                subscription.deliver(self._latest[topic])
+        self.attach(topic, subscription, last_value=last_value)
         if callback is not None:
             subscription.start(callback)
         return subscription
 
-    def unsubscribe(self, subscription: Subscription) -> None:
-        """Stop delivering to a subscription."""
+    def attach(self, topic: str, listener: Listener, *, last_value: bool = True) -> None:
+        """Deliver the topic's messages to ``listener``; ``last_value`` as for ``subscribe``."""
         with self._lock:
-            listeners = self._subscriptions.get(subscription.topic, [])
-            if subscription in listeners:
-                listeners.remove(subscription)
+            self._listeners.setdefault(topic, []).append(listener)
+            if last_value and topic in self._latest:
+                listener.deliver(self._latest[topic])
+
+    def detach(self, topic: str, listener: Listener) -> None:
+        """Stop delivering to a listener."""
+        with self._lock:
+            listeners = self._listeners.get(topic, [])
+            if listener in listeners:
+                listeners.remove(listener)
 
     def close(self) -> None:
-        """Close every subscription."""
+        """Close every listener."""
         with self._lock:
-            open_ones = [one for listeners in self._subscriptions.values() for one in listeners]
-        for subscription in open_ones:
-            subscription.close()
+            open_ones = [one for listeners in self._listeners.values() for one in listeners]
+        for listener in open_ones:
+            listener.close()
 
     def __enter__(self) -> Self:
         return self
