@@ -132,6 +132,8 @@ def _scene_stages(scene: Scene) -> Iterator[Stage]:
 
 
 def _output_stages(scene: Scene) -> Iterator[Stage]:
+    names = ", ".join(switch.name for switch in scene.switches)
+    yield Stage("switch", None, bool(names), names or "the scene has none")
     outputs = scene.outputs
     record, can, view = outputs.record, outputs.can, outputs.view
     none = "the scene asks for none"

@@ -25,6 +25,7 @@ from dbc.errors import SceneError
 from models.degrade.kinds import KINDS
 from node.camera_faults import CAMERA_FAULTS
 from node.link_faults import LINK_FAULTS
+from node.switch_rules import Switch, check_switches
 
 SensorType = Literal["radar", "camera"]
 WORLD = "world"
@@ -193,6 +194,7 @@ class Scene(_Strict):
     sensors: Annotated[tuple[Sensor, ...], Field(min_length=1)]
     injections: tuple[Injection, ...] = ()
     faults: tuple[Injection, ...] = ()
+    switches: tuple[Switch, ...] = ()
     outputs: Outputs = Outputs()
 
     @model_validator(mode="after")
@@ -202,6 +204,7 @@ class Scene(_Strict):
             raise ValueError("two sensors have the same name")
         _check_kinds("injections", self.injections, types, KINDS)
         _check_kinds("faults", self.faults, types, FAULTS)
+        check_switches(self.switches, types)
         return self
 
 
