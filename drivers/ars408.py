@@ -77,6 +77,12 @@ class ScanAssembler:
         """Stray frames that no scan has counted so far."""
         return sum(radar.strays for radar in self._radars.values())
 
+    @property
+    def missing(self) -> int:
+        """How many frames, as far as is known, the next scan still lacks; 0 between two scans."""
+        open_scans = [radar.missing for radar in self._radars.values() if radar.missing]
+        return min(open_scans, default=0)
+
     def feed(self, frames: CanFrames) -> list[Item]:
         """Take frames in order of reception; return what they complete, in the same order."""
         codes = self._codes.take(frames.can_id, mode="clip")  # the last ID is no radar's

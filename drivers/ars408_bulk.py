@@ -142,8 +142,8 @@ def regular_cycles(frames: RadarFrames, announced: list[Announcement]) -> list[C
     list
         For each announcement its cycle, None where that is not regular.
     """
-    if not announced:
-        return []
+    if not any(0 < head.size < head.end - head.start for head in announced):
+        return [None] * len(announced)
     last = _last_rows(frames, announced)
     frames = frames.since(announced[0].start)
     start = np.array([head.start for head in announced]) - announced[0].start

@@ -58,6 +58,16 @@ class Radar:
     _yaw_rate: float | None = None
     _dropped: int = 0
 
+    @property
+    def missing(self) -> int:
+        """How many frames the open scan lacks, as far as is known; 0 where none is open."""
+        scan = self._open
+        if scan is None:
+            return 0
+        mode, size = scan.head.mode, scan.head.size
+        kinds = [layout.kind for layout in mode.optional if self._expected.of[layout.kind]]
+        return sum(size - len(scan.lists[kind]) for kind in (mode.general.kind, *kinds))
+
     def feed(self, frames: RadarFrames, dropped: int) -> Iterator[Placed]:
         """Yield what the radar's frames of a batch complete; not quite in order of rows."""
         self._dropped = dropped

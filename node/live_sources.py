@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 
 BUS_TIMEOUT_S = 0.2
 """How long a read from a silent bus blocks before it looks whether the run should stop."""
-GATHER_S = 0.002
-"""Pause after a read: some frames gather, and cost less together than one by one."""
+SHORTEST_GATHER_S, LONGEST_GATHER_S = 0.002, 0.06
+"""Pause after a read: frames gather, and cost less together than one by one."""
+SHORTEST_FRAME_S = 222e-6
+"""A frame with 8 bytes at 500 kbit/s, 111 bits."""
 FIRST_RETRY_S = 0.1
 LONGEST_RETRY_S = 2.0
 FROZEN_FRAMES = 10
@@ -42,6 +44,17 @@ class Lost:
     def __init__(self, detail: str, frame: Frame | None = None) -> None:
         self.detail = detail
         self.frame = frame
+
+
+def gather_s(missing: int) -> float:
+    """Return how long to let frames gather before the next read, s.
+
+    Parameters
+    ----------
+    missing:
+        How many frames have to come before there is a scan: nobody waits for them one by one.
+    """
+    return min(LONGEST_GATHER_S, SHORTEST_GATHER_S + missing * SHORTEST_FRAME_S)
 
 
 class CanBusSource:
@@ -82,6 +95,7 @@ class CanBusSource:
                     yield batch
                 else:
                     yield from assembler.feed(batch)
+                    self._stop.wait(gather_s(assembler.missing))
         finally:
             if self._motion is not None:
                 self._motion.close()
@@ -104,7 +118,6 @@ class CanBusSource:
                     yield Lost(f"{self._sensor.source}: the controller is {state}")
             if len(frames):
                 yield replace(frames, dropped=self._dropped_before + frames.dropped)
-                self._stop.wait(GATHER_S)
 
     def _reopen(self) -> None:
         self._dropped_before += self._bus.dropped

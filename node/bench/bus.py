@@ -5,6 +5,10 @@ python-can's and ours, read the same frames as datagrams of UDP loopback, and th
 between two `virtual` buses of python-can; the unit of each point says which. A run time is CPU
 time a frame, an error the frames that were lost.
 
+Frames are received in two ways: so many at once that wait already, and at the full load of a bus
+as they come, each receiver as it is used: python-can's loop wakes up for every frame; ours reads
+what is there, then lets frames gather for about as long as the scan still needs.
+
 The gateway runs at the full load of a 500 kbit/s bus, 4,000 frames/s, on one core together with
 who sends to it and who hears it. Its CPU time is its own thread's. An added latency is from the
 stamp of a frame to when the frame in its place had been sent; a scan that is changed is stored
@@ -19,7 +23,8 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from statistics import median
-from time import process_time
+from threading import Thread
+from time import monotonic, process_time, sleep, thread_time
 
 import cantools.database
 from can.interfaces.socketcan.socketcan import capture_message
@@ -33,10 +38,15 @@ from drivers.socketcan import can_interfaces
 from drivers.socketcan_frames import FRAME, pack_frames, unpack_frames
 from models.evaluate.report import Goal, Point
 from node.bench.decode import simulated_log
+from node.link_faults import FULL_LOAD_SPACING_NS
+from node.live_sources import gather_s
 
 CLUSTERS, CYCLES = 250, 16
 WAITING = (1, 4, 16, 64, CLUSTERS + 1, CYCLES * (CLUSTERS + 1))
 """Frames that wait when the receiver reads; the last are all there are."""
+FULL_LOAD = round(1e9 / FULL_LOAD_SPACING_NS)
+"""Frames a second."""
+LISTEN_S = 0.2
 BUFFER_BYTES = 8 << 20
 _SO_TIMESTAMPNS = 35
 _SO_RCVBUFFORCE = 33
@@ -46,11 +56,16 @@ Receive = Callable[[int], int]
 
 
 def run(quick: bool) -> Iterator[Point | Goal]:
-    """Measure python-can and cantools against our receiver, by how many frames wait at a read."""
+    """Measure python-can and cantools against our receiver."""
+    yield from _full_bus(quick)
+    yield from _waiting_frames(quick)
+
+
+def _waiting_frames(quick: bool) -> Iterator[Point | Goal]:
+    """Measure both by how many frames wait at a read."""
     datagrams = list(pack_frames(simulated_log(CLUSTERS, quality=False, cycles=CYCLES)))
     rounds = 3 if quick else 11
     with ExitStack() as opened:
-        transport = "SocketCAN" if has_socketcan() else "UDP loopback"
         senders, receivers = zip(*(_sockets(opened, number) for number in (0, 1)), strict=True)
         takers = {
             "python-can and cantools": _by_python_can(receivers[0]),
@@ -64,6 +79,7 @@ def run(quick: bool) -> Iterator[Point | Goal]:
                     cost_us, came = _round(sender, datagrams, take, waiting)
                     costs.setdefault((variant, waiting), []).append(cost_us)
                     lost[variant] += len(datagrams) - came
+    transport = _transport()
     unit = f"frames lost ({transport})"
     for (variant, waiting), costs_us in costs.items():
         yield Point(variant, f"waiting={waiting}", median(costs_us), lost[variant], unit)
@@ -71,6 +87,23 @@ def run(quick: bool) -> Iterator[Point | Goal]:
     ratio = median(a / b for a, b in zip(theirs, ours, strict=True))
     name = "frames a CPU second from socket to scans, a second of a full bus waiting"
     yield Goal(f"{name}, times python-can and cantools ({transport})", ratio, 5.0)
+
+
+def _full_bus(quick: bool) -> Iterator[Point]:
+    """Measure both while the frames of a full bus come one by one, each read as its users do."""
+    cycles = (2 if quick else 10) * FULL_LOAD // (CLUSTERS + 1)
+    datagrams = list(pack_frames(simulated_log(CLUSTERS, quality=False, cycles=cycles)))
+    readers = {"python-can and cantools": _read_one_by_one, "murk": _read_gathered}
+    for variant, read in readers.items():
+        with ExitStack() as opened:
+            sender, receiver = _sockets(opened, 0)
+            cost_us, came = _paced(sender, datagrams, read(receiver))
+        unit = f"frames lost ({_transport()})"
+        yield Point(variant, "a full bus as it comes", cost_us, len(datagrams) - came, unit)
+
+
+def _transport() -> str:
+    return "SocketCAN" if has_socketcan() else "UDP loopback"
 
 
 def has_socketcan() -> bool:
@@ -118,7 +151,49 @@ def _round(
     return spent_s * 1e6 / len(datagrams), came
 
 
-def _by_python_can(receiver: socket.socket) -> Receive:
+def _paced(
+    sender: socket.socket, datagrams: list[bytes], read: Callable[[], int]
+) -> tuple[float, int]:
+    """Send frames at the full load of a bus; CPU µs a frame of who reads them, and frames."""
+    begin_s = monotonic()
+
+    def send() -> None:
+        for number, datagram in enumerate(datagrams):
+            sleep(max(0.0, begin_s + number / FULL_LOAD - monotonic()))
+            sender.send(datagram)
+
+    other = Thread(target=send)
+    other.start()
+    start_s, came = thread_time(), 0
+    while (count := read()) or other.is_alive():
+        came += count
+    spent_s = thread_time() - start_s
+    other.join()
+    return spent_s * 1e6 / len(datagrams), came
+
+
+def _read_one_by_one(receiver: socket.socket) -> Callable[[], int]:
+    """Wait for a message, receive and decode it, as a loop around ``recv`` does."""
+    take = _by_python_can(receiver, LISTEN_S)
+    return lambda: take(1)
+
+
+def _read_gathered(receiver: socket.socket) -> Callable[[], int]:
+    """Wait for frames, take in all, and pause, as ``CanBusSource.messages`` does."""
+    bulk = BulkReceiver(receiver, FRAME.itemsize)
+    assembler = ScanAssembler()
+
+    def read() -> int:
+        select.select([receiver], [], [], LISTEN_S)
+        frames = _received(bulk)
+        assembler.feed(frames)
+        sleep(gather_s(assembler.missing))
+        return len(frames)
+
+    return read
+
+
+def _by_python_can(receiver: socket.socket, patience_s: float = 0.0) -> Receive:
     """Receive as ``SocketcanBus.recv`` does, and decode each message with cantools."""
     database = cantools.database.load_file(Path(dbc.codec.__file__).with_name("ars408.dbc"))
     assert isinstance(database, ParsedDatabase)
@@ -126,7 +201,7 @@ def _by_python_can(receiver: socket.socket) -> Receive:
 
     def take(count: int) -> int:
         for number in range(count):
-            if not select.select([receiver], [], [], 0)[0]:
+            if not select.select([receiver], [], [], patience_s)[0]:
                 return number
             message = capture_message(receiver)
             assert message is not None

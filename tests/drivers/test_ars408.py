@@ -77,6 +77,17 @@ def test_batches_make_no_difference(frames: CanFrames, cuts: list[int]) -> None:
     assert [comparable(item) for item in assembled(pieces)] == at_once
 
 
+def test_what_is_missing_counts_down_to_the_scan() -> None:
+    assembler = ScanAssembler()
+    assembler.feed(state_frame(quality=True))
+    _, frames = cycle(0, 3)
+    left = []
+    for row in range(len(frames)):
+        assembler.feed(frames.select(slice(row, row + 1)))
+        left.append(assembler.missing)
+    assert left == [6, 5, 4, 3, 2, 1, 0]
+
+
 @given(st.lists(st.integers(3, 6), min_size=1, max_size=8), st.data())
 @settings(max_examples=50, deadline=None)
 def test_every_frame_is_accounted_for(sizes: list[int], data: st.DataObject) -> None:
