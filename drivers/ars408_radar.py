@@ -269,6 +269,7 @@ class Radar:
             duplicates=duplicates,
             strays=strays,
             dropped=self._dropped,
+            injected=None,
             **arrays,
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -31,6 +32,8 @@ class Frame:
         How the stamp was taken.
     dropped:
         Frames lost before this one since the source was opened.
+    injected:
+        ``{kind: level in %}`` that was injected before the source gave it, where it says so.
     """
 
     image: NDArray[np.uint8]
@@ -39,3 +42,4 @@ class Frame:
     stamp_ns: int
     stamp_source: StampSource
     dropped: int = 0
+    injected: Mapping[str, float] | None = None

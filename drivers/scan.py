@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
@@ -47,6 +48,8 @@ class RadarScan:
         Frames of this scan that came twice, or that belong to no announced scan.
     dropped:
         Frames dropped by the kernel since the bus was opened, where it tells.
+    injected:
+        ``{kind: level in %}`` that was injected before the source gave it, where it says so.
     id:
         (n,) uint8, cluster or object ID.
     x, y:
@@ -89,6 +92,7 @@ class RadarScan:
     duplicates: int = 0
     strays: int = 0
     dropped: int = 0
+    injected: Mapping[str, float] | None = None
     id: ByteArray
     x: FloatArray
     y: FloatArray

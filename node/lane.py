@@ -6,7 +6,7 @@ import logging
 from collections.abc import Iterator
 from dataclasses import replace
 from threading import Event, Thread
-from time import monotonic, monotonic_ns
+from time import monotonic, monotonic_ns, thread_time
 from typing import Any, NamedTuple
 
 from dbc.errors import InputError, MurkError
@@ -103,6 +103,7 @@ class Lane:
             log.exception("reading %s failed", self._sensor.name)
             self.error = MurkError(f"{self._sensor.source}: {error}")
         finally:
+            self.statistics.reading_cpu_s = thread_time()
             self.source.close()
             self._queue.close()
 
@@ -173,20 +174,22 @@ class Lane:
                     log.exception("a message of %s failed; more are counted", self._sensor.name)
             else:
                 results.put(Result(self._sensor.name, arrived.t_ns, level))
+        self.statistics.working_cpu_s = thread_time()
         results.put(Result(self._sensor.name, 0, None))
         self.ended = True
 
     def _process(self, arrived: Arrived) -> NoiseLevel:
         self.statistics.dropped_by_queue = self._queue.dropped
         message: Frame | RadarScan = arrived.message
-        injected = None
+        injected = dict(message.injected or {})
         if self.injector is not None:
-            message, injected = self.injector.inject(message, arrived.t_ns * 1e-9)
+            message, added = self.injector.inject(message, arrived.t_ns * 1e-9)
+            injected |= added or {}
         self._publish("image" if isinstance(message, Frame) else "scan", message)
         level = self._estimator.estimate(
             message,
             arrival_ns=arrived.arrival_ns,
-            injected=injected,
+            injected=injected or None,
             dropped=self.statistics.dropped,
         )
         self.statistics.count(level)
