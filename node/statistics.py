@@ -35,6 +35,8 @@ class SensorStatistics:
         Messages that came while the node was inactive.
     failures:
         Messages that could not be processed.
+    reading_cpu_s, working_cpu_s:
+        CPU time of the thread that reads the source, and of the one that degrades and estimates, s.
     events:
         How often a live sensor came into each state; see ``node.health``.
     """
@@ -47,6 +49,8 @@ class SensorStatistics:
     cycles_lost: int = 0
     left_aside: int = 0
     failures: int = 0
+    reading_cpu_s: float = 0.0
+    working_cpu_s: float = 0.0
     events: dict[str, int] = field(default_factory=dict)
     first_stamp_ns: int | None = None
     last_stamp_ns: int = 0
@@ -95,6 +99,7 @@ class SensorStatistics:
                 "failures",
             )
         }
+        record["cpu_s"] = round(self.reading_cpu_s + self.working_cpu_s, 3)
         if self.left_aside:
             record["left_aside"] = self.left_aside
         if self.events:

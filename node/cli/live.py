@@ -138,6 +138,7 @@ _ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
     "lost cycles": "{cycles_lost}".format_map,
     "failures": "{failures}".format_map,
     "rate": lambda counts: f"{counts['rate_hz']:.1f} Hz" if "rate_hz" in counts else "–",
+    "CPU time": "{cpu_s} s".format_map,
     "mean level": _if_estimated("{mean_level:.1f} %"),
     "mean error against the injected": _if_estimated("{mean_error:.1f} %"),
     "latency p50": lambda counts: _milliseconds(counts, "latency_p50_ns"),
