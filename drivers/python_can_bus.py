@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import socket
 import time
 from collections.abc import Collection
 
@@ -19,6 +21,8 @@ _BITRATE = 500_000
 _MOST_FRAMES = 8192
 _MOST_MALFORMED = 100
 _RETRY_S = 0.0005
+# linux/in.h and linux/in6.h; Python's socket module lacks them
+_IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 49, 29
 _STAMP_SOURCES: dict[str, StampSource] = {"virtual": "read", "udp_multicast": "kernel"}
 
 
@@ -45,6 +49,8 @@ class PythonCanBus(CanBus):
         except Exception as error:  # each interface raises what its own library raises
             remedy = f"see python-can's documentation of {interface}"
             raise DeviceError(name, f"cannot be opened ({error})", remedy) from error
+        if interface == "udp_multicast":
+            _hear_one_group_only(self._bus)
 
     def read(self, timeout_s: float) -> CanFrames:
         """Return all frames that are there; see ``CanBus``."""
@@ -87,3 +93,12 @@ class PythonCanBus(CanBus):
     def close(self) -> None:
         """Shut the interface down."""
         self._bus.shutdown()
+
+
+def _hear_one_group_only(bus: can.BusABC) -> None:
+    """Receive what is sent to this bus's group; by default, what any program here has joined."""
+    with socket.socket(fileno=os.dup(bus.fileno())) as sock:
+        if sock.family == socket.AF_INET6:
+            sock.setsockopt(socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL, 0)
+        else:
+            sock.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)

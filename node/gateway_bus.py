@@ -25,9 +25,8 @@ SHORT_WAIT_S = 0.002
 BACK_OFF_S = 0.2
 """How long to wait before a bus that went down is tried again."""
 
-
-_ONE_FOR_ALL = "udp_multicast:"
-"""python-can binds all groups to one port, and Linux delivers to it what any of them gets."""
+_HEARS_ITSELF = "udp_multicast:"
+"""A bus on which a node also hears what it sends itself."""
 
 
 class LastingBus:
@@ -139,7 +138,7 @@ class CanLink:
     DeviceError
         If a bus cannot be opened.
     InputError
-        If both are the same, or hear each other.
+        If both are the same, or one would hear the gateway itself.
     """
 
     def __init__(
@@ -155,9 +154,10 @@ class CanLink:
         source = scene.sensor.source
         if source == target:
             raise InputError(target, "is input and output", "give two buses")
-        if source.startswith(_ONE_FOR_ALL) and target.startswith(_ONE_FOR_ALL):
-            what = "hears every other group of this computer too, the input's among them"
-            raise InputError(target, what, "give another kind of bus for one of the two")
+        for bus in (source, target):
+            if both_ways and bus.startswith(_HEARS_ITSELF):
+                remedy = "leave --both-ways out, or give another kind of bus"
+                raise InputError(bus, "hears what it sends, so it cannot be read as well", remedy)
         self._core = CanGateway(scene.sensor, levels, scene.seed, low_latency=low_latency)
         self._duration_s = scene.duration_s
         self._both_ways = both_ways

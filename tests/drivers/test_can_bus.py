@@ -141,6 +141,21 @@ def test_a_message_that_is_no_can_frame_is_counted_and_the_rest_read() -> None:
         assert receiver.malformed == 1
 
 
+@pytest.mark.parametrize("group", ["239.74.163.98", "ff15:7079:7468:6f6e:6465:6d6f:6d63:98"])
+def test_two_groups_on_one_computer_do_not_hear_each_other(group: str) -> None:
+    if not multicast_works():
+        pytest.skip("this network has no multicast")
+    other_group = group.replace("98", "97")
+    try:
+        bus = open_bus(f"udp_multicast:{group}")
+    except DeviceError:
+        pytest.skip("this network has no IPv6")
+    with bus, open_bus(f"udp_multicast:{other_group}") as other:
+        other.send(frames_of(FRAMES[:2]))
+        bus.send(frames_of(FRAMES[:1]))
+        assert untimed(read_all(bus, 2)) == FRAMES[:1]
+
+
 class FullBuffer(can.BusABC):
     """Refuses each message some times before it takes it."""
 

@@ -109,6 +109,18 @@ def test_a_wire_and_then_a_worse_radar(buses: tuple[str, str, CanBus, CanBus]) -
     assert 0 < summary["latency_p50_ns"] <= summary["latency_p99_ns"]
 
 
+def test_two_multicast_groups_are_two_buses() -> None:
+    before, after = "udp_multicast:239.74.163.61", "udp_multicast:239.74.163.62"
+    with open_bus(before) as radar, open_bus(after) as ecu:
+        radar.send(radar_frames(0))
+        if not len(radar.read(1.0)):
+            pytest.skip("this network has no multicast")
+        with Gateway(scene(before), after):
+            radar.send(radar_frames(1))
+            assert wire(receive(ecu, 81)) == wire(radar_frames(1))
+            assert not len(ecu.read(0.2)), "nothing comes round"
+
+
 def test_one_way_only_unless_both_are_asked_for(buses: tuple[str, str, CanBus, CanBus]) -> None:
     before, after, radar, ecu = buses
     motion = other_frames([0, 1], [0x300, 0x301])
@@ -168,8 +180,8 @@ def test_nothing_is_left_half_open(buses: tuple[str, str, CanBus, CanBus]) -> No
         Gateway(scene(before), "nonsense:x")
     with pytest.raises(InputError, match="is input and output"):
         Gateway(scene(before), before)
-    with pytest.raises(InputError, match="hears every other group"):
-        Gateway(scene("udp_multicast:239.74.163.2"), "udp_multicast:239.74.163.3")
+    with pytest.raises(InputError, match="hears what it sends"):
+        Gateway(scene("udp_multicast:239.74.163.2"), after, both_ways=True)
     with Gateway(scene(before), after), pytest.raises(ControlError, match="already"):
         Gateway(scene(before), after)
     assert running() == []
