@@ -1,130 +1,43 @@
-"""How near the estimates come to the truth, and what they cost.
+"""Camera: how near the estimates come to the truth, and what they cost.
 
-Camera: clean frames of the split `test`, degraded at native size (blur, over, under, noise in equal
-shares, levels uniform over the eleven), where real data is found. Radar: drives of the simulated
-world that no training saw, degraded by `snr` at all eleven levels; on recorded drives the shipped
-network has no honest figure, since it was trained on all of them: the card beside it has those of
-drives left out. The error is the mean distance of the mean level from the true one. Filters are
-measured on simulated drives whose level steps from 0 to 60 %: the error after the step over the
-rate at which the filter lets the level drift.
+Clean frames of the split `test`, degraded at native size (blur, over, under, noise in equal shares,
+levels uniform over the eleven), where real data is found. The error is the mean distance of the
+mean level from the true one.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
-from functools import partial
-from pathlib import Path
-from statistics import median
-from time import perf_counter, perf_counter_ns
-
-import cv2
-import numpy as np
+from collections.abc import Iterator
 
 from models.estimate.camera import CameraEstimator
-from models.estimate.filter import FloatArray, LevelFilter
-from models.estimate.level import LEVELS
-from models.estimate.radar import RadarEstimator
-from models.evaluate import camera, radar
-from models.evaluate.report import Goal, Point
+from models.evaluate import camera
+from models.evaluate.report import Goal, Point, Result
+from models.evaluate.timing import camera_data, median_us, one_thread
 from models.world.camera import WorldCamera
 from models.world.road import World
 
-UNIT = "points of level"
-SIMULATED = range(2**31 + 100, 2**31 + 104)
-"""Seeds of simulated drives; training draws only seeds below 2**31."""
-SECOND = 14
-STEP_SCANS = 112
-DRIFTS_PER_S = (0.01, 0.05, 0.2, 1.0, 5.0)
+UNIT = "points of level, camera"
 
 
-def run(quick: bool) -> Iterator[Point | Goal]:
-    """Measure the shipped networks and the filter's rates."""
-    yield from _camera(quick)
-    yield from _radar(quick)
-    yield from _filters(quick)
+def run(quick: bool) -> Iterator[Result]:
+    """Measure the shipped network."""
+    with one_thread():
+        yield from _camera(quick)
 
 
-def _camera(quick: bool) -> Iterator[Point | Goal]:
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        estimator = CameraEstimator()
-        image = next(WorldCamera(World(1, 1.0), width=1600, height=900).frames()).image
-        run_time_us = _median_us(lambda: estimator.estimate(image), 10 if quick else 100)
-        yield Goal("camera, 1600×900, one thread, ms", run_time_us / 1e3, 1.5, False)
-        data = _data()
-        if data is None:
-            return
-        frames = camera.clean_frames(data, "val" if quick else "test")
-        answers = camera.measure(
-            estimator.estimate, frames[:: len(frames) // 30] if quick else frames
-        )
-    finally:
-        cv2.setNumThreads(threads)
+def _camera(quick: bool) -> Iterator[Result]:
+    estimator = CameraEstimator()
+    image = next(WorldCamera(World(1, 1.0), width=1600, height=900).frames()).image
+    run_time_us = median_us(lambda: estimator.estimate(image), 10 if quick else 100)
+    yield Goal("camera, 1600×900, one thread, ms", run_time_us / 1e3, 1.5, False)
+    data = camera_data()
+    if data is None:
+        return
+    frames = camera.clean_frames(data, "val" if quick else "test")
+    answers = camera.measure(estimator.estimate, frames[:: len(frames) // 30] if quick else frames)
     table = answers.table()
     for kind, row in table.items():
         yield Point("camera network", kind, run_time_us, row["mean_error"], UNIT)
     yield Goal("camera, 11 levels right, %", 100 * float(answers.hits.mean()), 90.0)
     yield Goal("camera, mean error, points", table["all"]["mean_error"], 2.0, False)
     yield Goal("camera, over-exposure, mean error, points", table["over"]["mean_error"], 6.0, False)
-
-
-def _radar(quick: bool) -> Iterator[Point | Goal]:
-    estimator = RadarEstimator()
-    scans = 2 * SECOND if quick else 10 * SECOND
-    drives = [radar.simulated_drive(seed, 0, scans) for seed in _seeds(quick)]
-    scan = drives[0].scans[0]
-    run_time_us = _median_us(lambda: estimator.estimate(scan), 20 if quick else 200)
-    one = radar.measure(estimator.estimate, drives, draws=1).figures()
-    yield Point("radar network", "one scan", run_time_us, one["mean_error"], UNIT)
-    second = radar.measure_together(
-        estimator.estimate, drives, radar.radar_filter, scans=SECOND, draws=1
-    ).figures()
-    yield Point("radar network", "one second", SECOND * run_time_us, second["mean_error"], UNIT)
-    yield Goal("radar, 125 clusters, one thread, ms", run_time_us / 1e3, 0.3, False)
-    yield Goal("radar, one simulated scan, right, %", 100 * one["accuracy"], 40.0)
-    yield Goal("radar, one simulated scan, mean error, points", one["mean_error"], 10.0, False)
-    yield Goal("radar, one simulated second, right, %", 100 * second["accuracy"], 75.0)
-    yield Goal("radar, one simulated second, mean error, points", second["mean_error"], 4.0, False)
-
-
-def _filters(quick: bool) -> Iterator[Point | Goal]:
-    estimator = RadarEstimator()
-    drives = [radar.simulated_drive(seed, 0, STEP_SCANS) for seed in _seeds(quick)]
-    half = STEP_SCANS // 2
-    for drift in DRIFTS_PER_S:
-        make_filter = partial(LevelFilter, drift, 0.05, 0.1)
-        uniform = np.full(len(LEVELS), 1 / len(LEVELS))
-        update = make_filter().update
-        run_time_us = _median_us(partial(_update, update, uniform), 50)
-        levels = radar.step_response(estimator.estimate, drives, make_filter, level=60.0)
-        for name, error in (
-            ("at rest", np.abs(levels[:, SECOND:half]).mean()),
-            ("a second after the step", np.abs(levels[:, half + SECOND :] - 60.0).mean()),
-        ):
-            yield Point(f"filter, {name}", f"drift={drift}/s", run_time_us, float(error), UNIT)
-
-
-def _seeds(quick: bool) -> range:
-    return SIMULATED[:1] if quick else SIMULATED
-
-
-def _update(update: Callable[[int, FloatArray], FloatArray], measured: FloatArray) -> None:
-    update(perf_counter_ns(), measured)
-
-
-def _median_us(task: Callable[[], object], rounds: int) -> float:
-    task()
-    times = []
-    for _ in range(rounds):
-        start = perf_counter()
-        task()
-        times.append(perf_counter() - start)
-    return median(times) * 1e6
-
-
-def _data() -> Path | None:
-    beside = Path(__file__).resolve().parents[2].parent / "shared" / "data"
-    data = Path(os.environ.get("MURK_DATA") or beside)
-    return data if (data / "camera" / "index.csv").is_file() else None

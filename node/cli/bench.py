@@ -19,7 +19,7 @@ BENCHES = {
     "bus": ("node.bench.bus", "node.bench.gateway", "node.bench.rig"),
     "decode": ("node.bench.decode", "node.bench.run"),
     "degrade": ("models.evaluate.degrade",),
-    "estimate": ("models.evaluate.estimate",),
+    "estimate": ("models.evaluate.estimate", "models.evaluate.estimate_radar"),
     "stability": ("models.evaluate.stability",),
 }
 """Modules of each benchmark; each has ``run(quick) -> Iterator[Result]``."""

@@ -1,0 +1,41 @@
+"""Run times, and where real data lies."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+
+import cv2
+
+
+def median_us(task: Callable[[], object], rounds: int) -> float:
+    """Return the median run time of a task after one that does not count, microseconds."""
+    task()
+    times = []
+    for _ in range(rounds):
+        start = perf_counter()
+        task()
+        times.append(perf_counter() - start)
+    return median(times) * 1e6
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Keep OpenCV to one thread."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
+
+
+def camera_data() -> Path | None:
+    """Return the folder of real recordings: ``MURK_DATA``, or beside the checkout; else None."""
+    beside = Path(__file__).resolve().parents[2].parent / "shared" / "data"
+    data = Path(os.environ.get("MURK_DATA") or beside)
+    return data if (data / "camera" / "index.csv").is_file() else None
