@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from models.evaluate.report import Result
 
 BENCHES = {
-    "bus": ("node.bench.bus", "node.bench.gateway", "node.bench.rig"),
+    "bus": ("node.bench.bus", "node.bench.gateway", "node.bench.latency", "node.bench.rig"),
     "decode": ("node.bench.decode", "node.bench.run"),
     "degrade": ("models.evaluate.degrade",),
     "estimate": ("models.evaluate.estimate", "models.evaluate.estimate_radar"),
