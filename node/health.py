@@ -55,19 +55,20 @@ class Health:
         self._lock = Lock()
 
     def seen(self, now_s: float) -> SensorEvent | None:
-        """Take in a message; return an event where it ends a silence."""
+        """Take in a message; return an event where it ends a silence, noticed before or not."""
         with self._lock:
             before, silent_since = self.state, self._last_s
-            if silent_since is not None and before == "ok":
-                interval = now_s - silent_since
-                cycle = interval if self._cycle_s is None else self._cycle_s
-                self._cycle_s = cycle + 0.1 * (interval - cycle)
+            silence_s = now_s - (self._start_s if silent_since is None else silent_since)
+            was_silent = before != "ok" or self._is_too_long(silence_s)
+            if not was_silent:
+                cycle_s = silence_s if self._cycle_s is None else self._cycle_s
+                self._cycle_s = cycle_s + 0.1 * (silence_s - cycle_s)
             self.state, self._last_s = "ok", now_s
-        if before == "ok":
+        if not was_silent:
             return None
         if before == "never_seen":
-            return self._event(f"first message after {now_s - self._start_s:.2f} s")
-        return self._event(f"back after {now_s - (silent_since or self._start_s):.2f} s")
+            return self._event(f"first message after {silence_s:.2f} s")
+        return self._event(f"back after {silence_s:.2f} s")
 
     def lost(self, detail: str) -> SensorEvent | None:
         """Take in that the bus or device is down; return an event where that is news."""
@@ -88,11 +89,15 @@ class Health:
             if self.state != "ok" or self._last_s is None or self._cycle_s is None:
                 return None
             silence_s = now_s - self._last_s
-            if silence_s < max(SILENT_CYCLES * self._cycle_s, SHORTEST_S):
+            if not self._is_too_long(silence_s):
                 return None
             self.state = "stale"
             cycle = f"its cycle is {self._cycle_s * 1e3:.0f} ms"
         return self._event(f"silent for {silence_s:.2f} s, {cycle}")
+
+    def _is_too_long(self, silence_s: float) -> bool:
+        cycle_s = self._cycle_s
+        return cycle_s is not None and silence_s >= max(SILENT_CYCLES * cycle_s, SHORTEST_S)
 
     def _event(self, detail: str) -> SensorEvent:
         return SensorEvent(self._sensor, time_ns(), self.state, detail)

@@ -55,3 +55,16 @@ def test_lost_is_told_once() -> None:
     assert health.lost("can0 is down") is None
     assert health.check(now + 5) is None
     assert health.seen(now + 6) is not None
+
+
+@given(st.floats(0.02, 1.0))
+def test_a_silence_that_nobody_noticed_is_told_at_its_end_and_teaches_no_cycle(
+    cycle_s: float,
+) -> None:
+    health, now = running(cycle_s)
+    back = health.seen(now + 20.0)
+    assert back is not None
+    assert (back.state, back.detail) == ("ok", "back after 20.00 s")
+    stale = health.check(now + 20.0 + max(3.01 * cycle_s, 0.16))
+    assert stale is not None
+    assert stale.state == "stale"
