@@ -44,7 +44,7 @@ def run(quick: bool) -> Iterator[Point | Goal]:
     """Pass a full bus through the gateway, untouched and degraded."""
     transport = "SocketCAN" if has_socketcan() else "python-can virtual"
     buses = ("vcan0", "vcan1") if has_socketcan() else ("virtual:bench0", "virtual:bench1")
-    rounds, seconds = (1, 5) if quick else (5, 10)
+    rounds, seconds = (1, 3) if quick else (5, 10)
     cycles = seconds * FULL_LOAD // (CLUSTERS + 1)
     frames = simulated_log(CLUSTERS, quality=False, cycles=cycles)
     unit = f"frames lost ({transport})"
