@@ -9,7 +9,7 @@ import numpy as np
 from rosbags.typesys.store import Typestore
 
 from drivers.frame import Frame
-from node.bus.scan_message import ros_time, time_ns_of
+from node.bus.scan_message import injected_fields, injected_of, ros_time, time_ns_of
 
 JPEG_QUALITY = 90
 """Of 100; OpenCV's own default of 95 takes half as many bytes again."""
@@ -37,7 +37,11 @@ def frame_info_message(frame: Frame, store: Typestore) -> Any:
     types = store.types
     header = types["std_msgs/msg/Header"](ros_time(frame.stamp_ns, store), frame.sensor)
     return types["murk_msgs/msg/FrameInfo"](
-        header, frame.sequence, frame.stamp_source, frame.dropped
+        header,
+        frame.sequence,
+        frame.stamp_source,
+        frame.dropped,
+        **injected_fields(frame.injected),
     )
 
 
@@ -61,4 +65,5 @@ def parse_frame(message: Any, info: Any) -> Frame:
         stamp_ns=time_ns_of(info.header.stamp),
         stamp_source=info.stamp_source,
         dropped=info.dropped,
+        injected=injected_of(info),
     )

@@ -21,6 +21,8 @@ from drivers.scan import RadarScan
 from models.estimate.level import NoiseLevel
 from node.bus.scan_message import (
     cloud_message,
+    injected_fields,
+    injected_of,
     parse_scan,
     ros_time,
     scan_info_message,
@@ -155,7 +157,6 @@ def deserialize(type_name: str, cdr: bytes, store: Typestore) -> Any:
 
 def _build_level(level: NoiseLevel, store: Typestore) -> Any:
     types = store.types
-    injected = level.injected or {}
     return types["murk_msgs/msg/NoiseLevel"](
         header=types["std_msgs/msg/Header"](ros_time(level.stamp_ns, store), level.sensor),
         sequence=level.sequence,
@@ -168,13 +169,11 @@ def _build_level(level: NoiseLevel, store: Typestore) -> Any:
         kind=level.kind,
         kinds=list(level.kind_probabilities),
         kind_probabilities=np.array(list(level.kind_probabilities.values()), np.float64),
-        injected_kinds=list(injected),
-        injected_levels=np.array(list(injected.values()), np.float64),
+        **injected_fields(level.injected),
     )
 
 
 def _parse_level(message: Any) -> NoiseLevel:
-    injected = _by_name(message.injected_kinds, message.injected_levels)
     return NoiseLevel(
         sensor=message.header.frame_id,
         stamp_ns=time_ns_of(message.header.stamp),
@@ -182,17 +181,15 @@ def _parse_level(message: Any) -> NoiseLevel:
         std=message.std_dev,
         probabilities=message.probabilities,
         kind=message.kind,
-        kind_probabilities=_by_name(message.kinds, message.kind_probabilities),
+        kind_probabilities=dict(
+            zip(message.kinds, message.kind_probabilities.tolist(), strict=True)
+        ),
         raw=message.raw,
-        injected=injected or None,
+        injected=injected_of(message),
         latency_ns=message.latency_ns,
         sequence=message.sequence,
         dropped=message.dropped,
     )
-
-
-def _by_name(names: list[str], values: Any) -> dict[str, float]:
-    return dict(zip(names, values.tolist(), strict=True))
 
 
 def _build_sensor_event(event: SensorEvent, store: Typestore) -> Any:

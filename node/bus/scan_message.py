@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,27 @@ def ros_time(stamp_ns: int, store: Typestore) -> Any:
 def time_ns_of(stamp: Any) -> int:
     """Return the nanoseconds of a ``builtin_interfaces/Time``."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def injected_fields(injected: Mapping[str, float] | None) -> dict[str, Any]:
+    """Return the fields ``injected_kinds`` and ``injected_levels`` of a ROS message."""
+    injected = injected or {}
+    return {
+        "injected_kinds": list(injected),
+        "injected_levels": np.array(list(injected.values()), np.float64),
+    }
+
+
+def injected_of(message: Any) -> dict[str, float] | None:
+    """Return what those two fields say; None where nothing was injected.
+
+    Raises
+    ------
+    ValueError
+        If they are not of one length.
+    """
+    kinds, levels = message.injected_kinds, message.injected_levels.tolist()
+    return dict(zip(kinds, levels, strict=True)) or None
 
 
 def cloud_message(scan: RadarScan, store: Typestore) -> Any:
@@ -66,7 +88,7 @@ def scan_info_message(scan: RadarScan, store: Typestore) -> Any:
     types = store.types
     header = types["std_msgs/msg/Header"](ros_time(scan.stamp_ns, store), scan.sensor)
     values = {name: getattr(scan, name) for name in _HEAD}
-    return types["murk_msgs/msg/RadarScanInfo"](header, **values)
+    return types["murk_msgs/msg/RadarScanInfo"](header, **values, **injected_fields(scan.injected))
 
 
 def parse_scan(cloud: Any, info: Any) -> RadarScan:
@@ -94,6 +116,7 @@ def parse_scan(cloud: Any, info: Any) -> RadarScan:
     return RadarScan(
         sensor=info.header.frame_id,
         stamp_ns=time_ns_of(info.header.stamp),
+        injected=injected_of(info),
         **{name: getattr(info, name) for name in _HEAD},
         **arrays,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +65,9 @@ SMALL_MESSAGES = st.one_of(
 )
 
 
+INJECTED = LEVELS_BY_KIND.map(lambda levels: levels or None)
+
+
 def assert_same(one: Any, other: Any) -> None:
     assert type(one) is type(other)
     for field in fields(one):
@@ -103,9 +106,16 @@ def test_small_messages_return(message: Any) -> None:
     st.tuples(st.booleans(), st.booleans()),
     st.tuples(STAMPS, st.integers(0, 7), st.integers(0, 65535)),
     st.lists(COUNTS, min_size=6, max_size=6),
+    INJECTED,
 )
 def test_scan_returns_bit_for_bit(
-    seed: int, n: int, mode: str, lists: tuple[bool, bool], head: Any, counts: list[int]
+    seed: int,
+    n: int,
+    mode: str,
+    lists: tuple[bool, bool],
+    head: Any,
+    counts: list[int],
+    injected: dict[str, float] | None,
 ) -> None:
     stamp_ns, sensor_id, meas_counter = head
     names = ("sequence", "frames_lost", "cycles_lost", "duplicates", "strays", "dropped")
@@ -117,6 +127,7 @@ def test_scan_returns_bit_for_bit(
         stamp_ns=stamp_ns,
         sensor_id=sensor_id,
         meas_counter=meas_counter,
+        injected=injected,
         **dict(zip(names, counts, strict=True)),
     )
     assert_same(scan, returned(scan))
@@ -126,7 +137,7 @@ def test_the_cloud_is_one_that_ros_displays() -> None:
     scan = random_scan(np.random.default_rng(1), 9, "cluster", [True])
     store = typestore()
     ros = to_ros(scan, store)
-    cloud = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr(ros.cdr, ros.type_name)
+    cloud: Any = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr(ros.cdr, ros.type_name)
     assert [field.name for field in cloud.fields[:3]] == ["x", "y", "z"]
     assert {"vx", "vy", "rcs", "dyn_prop", "pdh0", "ambig_state", "invalid_state", "x_rms"} <= {
         field.name for field in cloud.fields
@@ -140,9 +151,11 @@ def frame(height: int, width: int, seed: int = 0) -> Frame:
     return Frame(image, "front", 7, 123_456_789_012, "kernel", 3)
 
 
-@given(st.integers(1, 40), st.integers(1, 40), st.integers(0, 100))
-def test_frame_returns_from_png_bit_for_bit(height: int, width: int, seed: int) -> None:
-    one = frame(height, width, seed)
+@given(st.integers(1, 40), st.integers(1, 40), st.integers(0, 100), INJECTED)
+def test_frame_returns_from_png_bit_for_bit(
+    height: int, width: int, seed: int, injected: dict[str, float] | None
+) -> None:
+    one = replace(frame(height, width, seed), injected=injected)
     assert_same(one, returned(one, lossless=True))
 
 
@@ -181,7 +194,7 @@ def test_a_cloud_of_somebody_else_is_refused() -> None:
     scan = random_scan(np.random.default_rng(1), 3, "cluster", [])
     store = typestore()
     ros, info = to_ros(scan, store), info_to_ros(scan, store)
-    cloud = deserialize(ros.type_name, ros.cdr, store)
+    cloud: Any = deserialize(ros.type_name, ros.cdr, store)
     cloud.fields[0].name = "distance"
     changed = bytes(store.serialize_cdr(cloud, ros.type_name))
     with pytest.raises(InputError, match="malformed"):

@@ -1,0 +1,218 @@
+"""DDS as ROS 2 uses it: names, types, QoS and bytes, without a ROS installation.
+
+Topics, types and QoS are named as ``rmw`` names them, so that a node of ROS 2 sees topics of its
+own kind. What is written is CDR that was made before (``node.bus.messages``); DDS only carries it.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from typing import Any
+from weakref import WeakValueDictionary
+
+from rosbags.interfaces import Nodetype
+
+from dbc.errors import InputError, MissingExtra
+from node.bus.messages import typestore
+
+try:
+    from cyclonedds.core import DDSException
+    from cyclonedds.domain import Domain, DomainParticipant
+    from cyclonedds.idl import make_idl_struct, types
+    from cyclonedds.internal import InvalidSample
+    from cyclonedds.pub import DataWriter
+    from cyclonedds.qos import Policy, Qos
+    from cyclonedds.sub import DataReader
+    from cyclonedds.topic import Topic
+except ImportError:
+    raise MissingExtra("ros2", "ROS 2 (--ros2)") from None
+
+MAX_DOMAIN = 232
+"""Beyond it the ports of RTPS (7400 + 250 × domain) do not exist."""
+LOOPBACK = """<CycloneDDS><Domain Id="any">
+<General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces></General>
+<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
+<Peers><Peer Address="127.0.0.1"/></Peers></Discovery>
+</Domain></CycloneDDS>"""
+"""As ROS 2 discovers with ``ROS_LOCALHOST_ONLY``: by the ports of this computer, no multicast."""
+_BLOCK_NS = 10_000_000
+"""How long a reliable write may wait for a reader that does not keep up."""
+
+_XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)
+SENSOR_DATA = Qos(
+    Policy.Reliability.BestEffort,
+    Policy.Durability.Volatile,
+    Policy.History.KeepLast(5),
+    _XCDR1,
+)
+LATCHED = Qos(
+    Policy.Reliability.Reliable(max_blocking_time=_BLOCK_NS),
+    Policy.Durability.TransientLocal,
+    Policy.History.KeepLast(1),
+    _XCDR1,
+)
+"""Reliable, and late joiners get the last value; a volatile reader matches as well."""
+RELIABLE = Qos(
+    Policy.Reliability.Reliable(max_blocking_time=_BLOCK_NS),
+    Policy.Durability.Volatile,
+    Policy.History.KeepLast(10),
+    _XCDR1,
+)
+"""What ROS 2 takes by default."""
+
+_open_domains: WeakValueDictionary[int, Any] = WeakValueDictionary()
+"""Loopback domains of this process: DDS opens a domain once, however many take part."""
+
+
+def domain_id(wanted: int | None) -> int:
+    """Return the DDS domain: the one that is wanted, else that of ``ROS_DOMAIN_ID``, else 0.
+
+    Raises
+    ------
+    InputError
+        If ``ROS_DOMAIN_ID`` is no domain.
+    """
+    if wanted is not None:
+        return wanted
+    text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
+    if not (text.isascii() and text.isdigit()) or int(text) > MAX_DOMAIN:
+        what = f"'{text}' is no DDS domain"
+        raise InputError("ROS_DOMAIN_ID", what, f"expected an integer from 0 to {MAX_DOMAIN}")
+    return int(text)
+
+
+def ros_name(namespace: str, topic: str) -> str:
+    """Return a topic's full name in ROS."""
+    return "/".join(["", *namespace.strip("/").split("/"), *topic.split("/")]).replace("//", "/")
+
+
+class RosParticipant:
+    """Takes part in a DDS domain.
+
+    Parameters
+    ----------
+    domain:
+        0 to 232.
+    network:
+        False: only this computer. True: as ``CYCLONEDDS_URI`` says, by default the whole network.
+
+    Raises
+    ------
+    InputError
+        If the domain cannot be joined.
+    """
+
+    def __init__(self, domain: int, *, network: bool) -> None:
+        try:
+            self._domain = None if network else _loopback_domain(domain)
+            enclave = Policy.Userdata(b"enclave=/;")  # by which ROS 2 knows its own
+            self.dds: Any = DomainParticipant(domain, Qos(enclave))
+        except DDSException as error:
+            remedy = "see CYCLONEDDS_URI" if network else "is another configuration of it open?"
+            raise InputError(f"DDS domain {domain}", _reason(error), remedy) from None
+
+    def writer(self, topic: str, type_name: str, qos: Any) -> RosWriter:
+        """Announce a topic (its name in ROS) and its type, e.g. ``murk_msgs/msg/NoiseLevel``."""
+        return RosWriter(DataWriter(self.dds, self._topic(topic, type_name), qos))
+
+    def reader(self, topic: str, type_name: str, qos: Any) -> RosReader:
+        """Subscribe to a topic."""
+        return RosReader(DataReader(self.dds, self._topic(topic, type_name), qos), type_name)
+
+    def _topic(self, topic: str, type_name: str) -> Any:
+        return Topic(self.dds, f"rt{topic}", _struct(type_name, raw=True))
+
+
+class RosWriter:
+    """Writes CDR bytes on one topic."""
+
+    def __init__(self, dds: Any) -> None:
+        self.dds = dds
+
+    def matched(self) -> int:
+        """Return how many readers there are now."""
+        return int(self.dds.get_publication_matched_status().current_count)
+
+    def write(self, cdr: bytes) -> bool:
+        """Send a message; False where a reader kept it waiting for too long and it was dropped.
+
+        Raises
+        ------
+        ValueError
+            If the bytes are no message of the topic's type.
+        """
+        try:
+            self.dds.write(self.dds.data_type(cdr))
+        except DDSException as error:
+            if error.code == DDSException.DDS_RETCODE_TIMEOUT:
+                return False
+            raise ValueError(_reason(error)) from None
+        return True
+
+
+class RosReader:
+    """Takes CDR bytes from one topic.
+
+    Attributes
+    ----------
+    type_name:
+        The ROS type, e.g. ``murk_msgs/msg/Injection``.
+    """
+
+    def __init__(self, dds: Any, type_name: str) -> None:
+        self.dds = dds
+        self.type_name = type_name
+
+    def take(self) -> list[bytes]:
+        """Return the messages that have come, oldest first, without waiting."""
+        return [sample.cdr for sample in self.dds.take(64) if not isinstance(sample, InvalidSample)]
+
+
+def _loopback_domain(domain: int) -> Any:
+    found = _open_domains.get(domain)
+    if found is None:
+        found = _open_domains[domain] = Domain(domain, LOOPBACK)
+    return found
+
+
+def _reason(error: DDSException) -> str:
+    return str(error.msg or error).removeprefix("Occurred ").splitlines()[0]
+
+
+_IDL: Any = types
+_BASES: dict[str, Any] = {"bool": bool, "string": str, "byte": types.byte, "char": types.uint8}
+
+
+@cache
+def _struct(type_name: str, *, raw: bool = False) -> Any:
+    """Return a message's type as DDS declares it; where ``raw``, a sample is its CDR bytes."""
+    package, _, name = type_name.split("/")
+    _, fields = typestore().fielddefs[type_name]
+    struct: Any = make_idl_struct(
+        f"{name}_",
+        f"{package}.msg.dds_.{name}_",
+        {field: _member(described) for field, described in fields},
+        dataclassify=False,
+    )
+    if raw:
+        struct.__init__ = _keep
+        struct.serialize = lambda sample, use_version_2=None: sample.cdr
+        struct.deserialize = classmethod(lambda cls, data: cls(bytes(data)))
+        struct.deserialize_key = struct.deserialize  # of samples that only say "disposed"
+    return struct
+
+
+def _keep(sample: Any, cdr: bytes) -> None:
+    sample.cdr = cdr
+
+
+def _member(described: Any) -> Any:
+    kind, content = described
+    if kind == Nodetype.NAME:
+        return _struct(content)
+    if kind == Nodetype.ARRAY:
+        return _IDL.array[_member(content[0]), content[1]]
+    if kind == Nodetype.SEQUENCE:
+        return _IDL.sequence[_member(content[0])]
+    return _BASES.get(content[0]) or getattr(_IDL, content[0])
