@@ -12,6 +12,7 @@ from drivers.can_frames import CanFrames
 from drivers.frame import Frame
 from drivers.scan import MotionInput, RadarScan, RadarState
 from node.live_sources import CanBusSource, LiveCameraSource, Lost
+from node.recording import RecordingSource, is_recording
 from node.scene import WORLD, Sensor
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ class Source(Protocol):
 
 def is_can_bus(source: str) -> bool:
     """Tell a CAN bus (``INTERFACE:CHANNEL``, ``can0``, ``vcan0``) from a file's path."""
-    if Path(source).exists():
+    if Path(source).exists() or is_recording(source):
         return False
     return ":" in source or (Path(source).name == source and "." not in source)
 
@@ -156,6 +157,8 @@ def open_source(sensor: Sensor, world: World | None) -> Source:
         assert world is not None, "plan() keeps the world where a sensor needs it"
         radar = sensor.type == "radar"
         return WorldRadarSource(sensor, world) if radar else WorldCameraSource(sensor, world)
+    if is_recording(sensor.source):
+        return RecordingSource(sensor)
     if sensor.type == "camera":
         return _open_camera(sensor)
     return _open_bus(sensor) if is_can_bus(sensor.source) else CanLogSource(sensor)

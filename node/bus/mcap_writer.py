@@ -53,7 +53,7 @@ class McapWriter:
     def __init__(self, scene: Scene) -> None:
         settings = scene.outputs.record
         assert settings is not None, "the caller looked whether the scene asks for it"
-        self.messages = self.parts = 0
+        self.messages = self.parts = self._first_ns = 0
         self._settings = settings
         self._store = typestore()
         self._about = {
@@ -153,7 +153,7 @@ class McapWriter:
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._counts: dict[str, int] = {}
-        self._first_ns: int = 0
+        self._first_ns = 0
         self.parts += 1
 
 

@@ -7,10 +7,16 @@ from typing import Annotated, Any
 
 import typer
 
+from node.recording import is_recording, read_recording
 from node.scene import Scene, check_scene, parse_injection, read_scene_file
 
 SceneFile = Annotated[
-    Path | None, typer.Argument(metavar="[SCENE]", help="Scene file (TOML).", show_default=False)
+    Path | None,
+    typer.Argument(
+        metavar="[SCENE]",
+        help="Scene file (TOML), or a recording (MCAP) to replay.",
+        show_default=False,
+    ),
 ]
 RadarFlag = Annotated[
     str | None,
@@ -74,7 +80,7 @@ def build_scene(
     SceneError
         If the file cannot be read, or file or flags are wrong.
     """
-    content: dict[str, Any] = read_scene_file(scene_file) if scene_file else {}
+    content: dict[str, Any] = _read(scene_file) if scene_file else {}
     where = scene_file or "flags"
     flags: dict[str, Any] = {"seed": seed, "duration_s": duration}
     content |= {key: value for key, value in flags.items() if value is not None}
@@ -91,6 +97,10 @@ def build_scene(
 
         raise SceneError(where, "has no sensor", "give a scene file, --radar SRC or --camera SRC")
     return check_scene(content, where)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    return read_recording(path) if is_recording(str(path)) else read_scene_file(path)
 
 
 def output_flags(

@@ -1,0 +1,195 @@
+"""MCAP recordings as sources: murk's own, bit for bit, and the camera topics of ROS 2's."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dbc.errors import InputError, SceneError
+from drivers.frame import Frame
+from drivers.scan import RadarScan
+
+if TYPE_CHECKING:
+    from node.bus.mcap_reader import Entry, McapRecording
+    from node.scene import Sensor, SensorType
+
+_SUFFIX = ".mcap"
+_SCAN = "sensor_msgs/msg/PointCloud2"
+_IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
+
+
+def is_recording(source: str) -> bool:
+    """Tell an MCAP recording, ``drive.mcap`` or ``drive.mcap:/topic``, from other sources."""
+    return source.endswith(_SUFFIX) or f"{_SUFFIX}:/" in source
+
+
+def split_source(source: str) -> tuple[Path, str | None]:
+    """Return a recording's path, and the topic that its source names."""
+    path, colon, topic = source.partition(f"{_SUFFIX}:/")
+    return (Path(path + _SUFFIX), f"/{topic}") if colon else (Path(source), None)
+
+
+def sensor_topics(recording: McapRecording) -> dict[str, SensorType]:
+    """Return the topics that can be a sensor's source; of clouds only those that murk wrote."""
+    topics: dict[str, SensorType] = {}
+    for topic, type_name in recording.topics.items():
+        if type_name in _IMAGES:
+            topics[topic] = "camera"
+        elif type_name == _SCAN and f"{topic}_info" in recording.topics:
+            topics[topic] = "radar"
+    return topics
+
+
+def read_recording(path: Path) -> dict[str, Any]:
+    """Return the content of a scene that replays a recording: a sensor a topic, nothing injected.
+
+    Raises
+    ------
+    InputError
+        If the file is no MCAP recording, or holds the data of no sensor.
+    """
+    from node.bus.mcap_reader import open_mcap
+
+    recording = open_mcap(path)
+    topics = sensor_topics(recording)
+    if not topics:
+        what = "holds no sensor's data to replay"
+        raise InputError(path, what, "record with scans or images in [outputs.record]")
+    about = json.loads(recording.about.get("scene", "{}"))
+    return {
+        **{key: about[key] for key in ("name", "seed") if key in about},
+        "sensors": [
+            {"name": sensor_name(topic), "type": sensor_type, "source": f"{path}:{topic}"}
+            for topic, sensor_type in topics.items()
+        ],
+    }
+
+
+def sensor_name(topic: str) -> str:
+    """Return a sensor's name for a topic: ``front`` for ``/murk/front/scan``."""
+    own = re.fullmatch(r"/murk/([a-z][a-z0-9_]*)/(scan|image/compressed)", topic)
+    name = own[1] if own else re.sub(r"[^a-z0-9]+", "_", topic.lower()).strip("_")
+    return name if name[:1].isalpha() else f"topic_{name}"
+
+
+class RecordingSource:
+    """One sensor's frames or scans in a recording, with what was injected when it was made.
+
+    Raises
+    ------
+    InputError
+        If the file is no MCAP recording.
+    SceneError
+        If it is not clear which topic the sensor's is.
+    """
+
+    live = False
+
+    def __init__(self, sensor: Sensor) -> None:
+        from node.bus.mcap_reader import open_mcap
+
+        path, topic = split_source(sensor.source)
+        self._sensor = sensor
+        self._path = path
+        self._recording = open_mcap(path)
+        self._topic = _choose(sensor, path, topic, sensor_topics(self._recording))
+        self._level_topic = re.sub("/(scan|image/compressed)$", "", self._topic) + "/noise_level"
+
+    def messages(self) -> Iterator[Frame | RadarScan]:
+        """Yield frames or scans; see ``Source``."""
+        waiting: Frame | RadarScan | None = None
+        came = False
+        for message in self._decoded():
+            if isinstance(message, Frame | RadarScan):
+                if waiting is not None:
+                    yield waiting
+                waiting, came = replace(message, sensor=self._sensor.name), True
+            elif waiting is not None and message.sequence == waiting.sequence:
+                yield replace(waiting, injected=message.injected, dropped=message.dropped)
+                waiting = None
+        if waiting is not None:
+            yield waiting
+        if not came:
+            raise InputError(self._path, f"holds nothing on {self._topic}", "was it cut off?")
+
+    def close(self) -> None:
+        """Nothing stays open between reads."""
+
+    def _decoded(self) -> Iterator[Any]:
+        """Yield frames or scans, and after each the noise level that was published for it."""
+        from node.bus.messages import from_ros, typestore
+
+        store = typestore()
+        info_topic = f"{self._topic}_info"
+        info: bytes | None = None
+        sequence = 0
+        for entry in self._recording.entries({self._topic, info_topic, self._level_topic}):
+            try:
+                if entry.topic == info_topic:
+                    info = entry.cdr
+                elif entry.topic == self._topic and info is None:
+                    yield _foreign_frame(entry, sequence, store)
+                    sequence += 1
+                else:
+                    yield from_ros(entry.type_name, entry.cdr, store, info)
+            except (InputError, ValueError) as error:
+                what = error.what if isinstance(error, InputError) else f"malformed: {error}"
+                raise InputError(f"{self._path}:{entry.topic}", what) from None
+
+
+def _choose(sensor: Sensor, path: Path, topic: str | None, topics: dict[str, SensorType]) -> str:
+    """Return the topic that is named, or the sensor's own, or the only one of its type."""
+    fitting = [name for name, sensor_type in topics.items() if sensor_type == sensor.type]
+    if topic is not None:
+        candidates = [name for name in fitting if name == topic]
+    else:
+        candidates = [name for name in fitting if sensor_name(name) == sensor.name] or fitting
+    if len(candidates) == 1:
+        return candidates[0]
+    if not fitting:
+        what = f"holds no {sensor.type}'s data"
+        raise InputError(path, what, "record with scans or images in [outputs.record]")
+    what = f"has no topic {topic}" if topic else f"has {len(fitting)} topics of a {sensor.type}"
+    named = ", ".join(f"{path}:{name}" for name in fitting)
+    raise SceneError(path, f"{what} that '{sensor.name}' could be", f"give one of {named}")
+
+
+def _foreign_frame(entry: Entry, sequence: int, store: Any) -> Frame:
+    """Return the frame of an image that came without information beside it."""
+    from node.bus.messages import deserialize
+
+    message = deserialize(entry.type_name, entry.cdr, store)
+    stamp = message.header.stamp
+    stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec or entry.publish_time
+    return Frame(_pixels(message, entry.type_name), "", sequence, stamp_ns, "file")
+
+
+def _pixels(message: Any, type_name: str) -> Any:
+    """Return (height, width, 3) uint8 BGR."""
+    import cv2
+    import numpy as np
+
+    if type_name == _IMAGES[0]:
+        data = np.asarray(message.data)
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR_BGR) if len(data) else None
+        if image is None:
+            raise InputError(type_name, f"its format '{message.format}' is not read")
+        return image
+    conversions = {
+        "bgr8": None,
+        "rgb8": cv2.COLOR_RGB2BGR,
+        "mono8": cv2.COLOR_GRAY2BGR,
+        "bgra8": cv2.COLOR_BGRA2BGR,
+        "rgba8": cv2.COLOR_RGBA2BGR,
+    }
+    if message.encoding not in conversions:
+        raise InputError(type_name, f"its encoding '{message.encoding}' is not read")
+    rows = np.asarray(message.data).reshape(message.height, message.step)
+    channels = {"mono8": 1, "bgr8": 3, "rgb8": 3}.get(message.encoding, 4)
+    pixels = rows[:, : message.width * channels].reshape(message.height, message.width, channels)
+    code = conversions[message.encoding]
+    return pixels.copy() if code is None else cv2.cvtColor(pixels, code)
