@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dbc.codec import noise_level
 from drivers.can_bus import open_bus
-from drivers.can_frames import NO_FRAMES, CanFrames
+from drivers.can_frames import NO_FRAMES, CanFrames, FrameFlag
 from node.health import State
 from node.scene import SensorType
 
@@ -138,7 +138,8 @@ class LevelReader:
 
     def decode(self, frames: CanFrames = NO_FRAMES) -> Iterator[CanLevel]:
         """Yield the levels of frames, counting what is corrupt and what is missing."""
-        ordinary = (frames.flags == 0) & (frames.length == noise_level().length)
+        marks = frames.flags & ~np.uint8(FrameFlag.TRANSMITTED)  # a node of this computer sent it
+        ordinary = (marks == 0) & (frames.length == noise_level().length)
         self.corrupt += int(np.count_nonzero(~ordinary))
         frames = frames.select(ordinary)
         for row, values in enumerate(_rows(frames)):

@@ -24,6 +24,7 @@ from node.cli import (
     run,
     set_parameter,
     train,
+    watch,
 )
 
 app = typer.Typer(
@@ -62,6 +63,7 @@ app.command()(play.play)
 app.add_typer(radar.app, name="radar")
 app.command()(gateway.gateway)
 app.command()(degrade.degrade)
+app.command()(watch.watch)
 app.command("set")(set_parameter.set_parameter)
 
 
