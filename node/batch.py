@@ -14,6 +14,7 @@ from drivers.frame import Frame
 from drivers.scan import RadarScan
 from models.estimate.level import Estimate
 from node.estimator import load_network
+from node.recording import is_recording, open_sensors
 from node.scene import SensorType
 
 LOG_SUFFIXES = {".log", ".txt", ".candump", ".asc", ".blf", ".trc", ".mf4", ".db", ".csv"}
@@ -26,7 +27,7 @@ class Row:
     Attributes
     ----------
     source:
-        The path that it came from, as it was given.
+        The path that it came from, as it was given; of a recording with the topic.
     sequence, stamp_ns:
         The message's own.
     run_time_us:
@@ -41,7 +42,7 @@ class Row:
 
 
 def estimate_paths(paths: list[Path]) -> Iterator[Row]:
-    """Estimate every frame and cluster scan of images, folders, videos and CAN logs.
+    """Estimate every frame and cluster scan of images, folders, videos, CAN logs and recordings.
 
     Raises
     ------
@@ -49,16 +50,26 @@ def estimate_paths(paths: list[Path]) -> Iterator[Row]:
         At the first file that cannot be read; what came before has been yielded.
     """
     networks = {}
-    for path in paths:
-        sensor_type: SensorType = "radar" if _is_log(path) else "camera"
+    for source, sensor_type, messages in chain.from_iterable(map(_streams, paths)):
         if sensor_type not in networks:
             networks[sensor_type] = load_network(sensor_type)
         network = networks[sensor_type]
-        for message in _scans(path) if sensor_type == "radar" else _frames(path):
+        for message in messages:
             start_ns = perf_counter_ns()
             estimate = network(message)
             run_time_us = (perf_counter_ns() - start_ns) / 1e3
-            yield Row(str(path), message.sequence, message.stamp_ns, estimate, run_time_us)
+            yield Row(source, message.sequence, message.stamp_ns, estimate, run_time_us)
+
+
+def _streams(path: Path) -> Iterator[tuple[str, SensorType, Iterator[Frame | RadarScan]]]:
+    """Yield name, sensor type and messages of each sensor that a path holds."""
+    if is_recording(str(path)):
+        for sensor, source in open_sensors(path):
+            yield sensor.source, sensor.type, source.messages()
+    elif _is_log(path):
+        yield str(path), "radar", _scans(path)
+    else:
+        yield str(path), "camera", _frames(path)
 
 
 def _is_log(path: Path) -> bool:

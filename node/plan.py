@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.camera import IMAGE_SUFFIXES
-from node.recording import is_recording
+from node.recording import is_recording, split_source
 from node.scene import WORLD, Scene, Sensor
 from node.sources import is_can_bus
 
@@ -93,7 +93,7 @@ def _source(sensor: Sensor) -> tuple[str, tuple[str, ...]]:
         return "the simulated world", ("cv2",) if sensor.type == "camera" else ("cantools",)
     if is_recording(sensor.source):
         decoder = ("cv2",) if sensor.type == "camera" else ()
-        return f"recording {path.name}", ("mcap", "rosbags", *decoder)
+        return f"recording {split_source(sensor.source)[0].name}", ("mcap", "rosbags", *decoder)
     if sensor.type == "radar":
         if is_can_bus(sensor.source):
             return f"CAN bus {sensor.source}", ("cantools", "can")

@@ -69,6 +69,20 @@ def read_recording(path: Path) -> dict[str, Any]:
     }
 
 
+def open_sensors(path: Path) -> list[tuple[Sensor, RecordingSource]]:
+    """Open every sensor of a recording.
+
+    Raises
+    ------
+    InputError
+        If the file is no MCAP recording, or holds the data of no sensor.
+    """
+    from node.scene import Sensor
+
+    sensors = [Sensor.model_validate(content) for content in read_recording(path)["sensors"]]
+    return [(sensor, RecordingSource(sensor)) for sensor in sensors]
+
+
 def sensor_name(topic: str) -> str:
     """Return a sensor's name for a topic: ``front`` for ``/murk/front/scan``."""
     own = re.fullmatch(r"/murk/([a-z][a-z0-9_]*)/(scan|image/compressed)", topic)

@@ -25,6 +25,7 @@ from dbc.errors import SceneError
 from models.degrade.kinds import KINDS
 from node.camera_faults import CAMERA_FAULTS
 from node.link_faults import LINK_FAULTS
+from node.recording import is_recording, split_source
 from node.switch_rules import Switch, check_switches
 
 SensorType = Literal["radar", "camera"]
@@ -272,10 +273,15 @@ def read_scene_file(path: Path) -> dict[str, Any]:
     sensors = content.get("sensors")
     for sensor in sensors if isinstance(sensors, list) else []:
         for key in ("source", "motion") if isinstance(sensor, dict) else ():
-            beside = path.parent / str(sensor.get(key))
-            if key in sensor and beside.exists():
-                sensor[key] = str(beside)
+            if key in sensor:
+                sensor[key] = _beside(path.parent, str(sensor[key]))
     return content
+
+
+def _beside(folder: Path, source: str) -> str:
+    """Return the source in the scene's folder where there is such a file."""
+    file = split_source(source)[0] if is_recording(source) else Path(source)
+    return str(folder / source) if (folder / file).exists() else source
 
 
 def parse_injection(flag: str) -> dict[str, Any]:

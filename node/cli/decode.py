@@ -21,7 +21,7 @@ CHUNK_BYTES = 1 << 20
 
 
 def decode(
-    log: Annotated[Path, typer.Argument(help="A CAN log: candump, asc, blf, trc, …")],
+    log: Annotated[Path, typer.Argument(help="A CAN log: candump, asc, blf, trc, …, or MCAP.")],
     json: Annotated[bool, typer.Option("--json", help="One JSON object a scan.")] = False,
 ) -> None:
     """Decode a CAN log: a CSV row a cluster or object, or with --json an object a scan."""
@@ -42,7 +42,7 @@ def decode(
 
 
 def _scans(log: Path) -> Iterator[RadarScan]:
-    """Yield the scans of every radar on every bus of a log.
+    """Yield the scans of every radar on every bus of a log, or of every radar of a recording.
 
     A radar on the bus that the log names first is ``radar_<SensorID>``, one on another bus
     ``<bus>.radar_<SensorID>``.
@@ -51,7 +51,13 @@ def _scans(log: Path) -> Iterator[RadarScan]:
     from drivers.ars408_layout import SENSOR_IDS
     from drivers.can_log import read_log
     from drivers.scan import RadarScan
+    from node.recording import is_recording, open_sensors
 
+    if is_recording(str(log)):
+        for sensor, source in open_sensors(log):
+            if sensor.type == "radar":
+                yield from (scan for scan in source.messages() if isinstance(scan, RadarScan))
+        return
     assemblers: list[ScanAssembler] = []
     for frames in read_log(log, CHUNK_BYTES):
         for bus in frames.channels[len(assemblers) :]:

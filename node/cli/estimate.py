@@ -16,7 +16,7 @@ WORST = 10
 
 
 def estimate(
-    paths: Annotated[list[Path], typer.Argument(help="Images, folders, videos, CAN logs.")],
+    paths: Annotated[list[Path], typer.Argument(help="Images, folders, videos, CAN logs, MCAP.")],
     json: Annotated[bool, typer.Option("--json", help="One JSON object a frame or scan.")] = False,
 ) -> None:
     """Estimate every frame and scan of files, each by itself, without a filter in time."""

@@ -34,7 +34,8 @@ from node.cli.scene_flags import (
 
 if TYPE_CHECKING:
     from models.estimate.level import NoiseLevel
-    from node.events import NodeEvent
+    from node.bus.in_process import Bus
+    from node.events import ModelChoice, NodeEvent
     from node.health import SensorEvent
     from node.pipeline import Pipeline
     from node.scene import Scene
@@ -99,7 +100,7 @@ def execute(scene: Scene, *, json: bool) -> dict[str, Any]:
     """
     from dbc.errors import MurkError
     from node.bus.in_process import Bus
-    from node.events import EVENT_TOPIC
+    from node.events import EVENT_TOPIC, MODEL_TOPIC
     from node.outputs import open_outputs
     from node.parameters import Parameters
     from node.pipeline import Pipeline
@@ -110,6 +111,7 @@ def execute(scene: Scene, *, json: bool) -> dict[str, Any]:
     with Bus() as bus:
         if json:
             bus.subscribe(EVENT_TOPIC, _emit_node_event)
+            bus.subscribe(MODEL_TOPIC, _emit_choice)
             for sensor in scene.sensors:
                 bus.subscribe(f"/murk/{sensor.name}/event", _emit_event)
         show = _emit_levels if json else _watch_levels
@@ -120,7 +122,7 @@ def execute(scene: Scene, *, json: bool) -> dict[str, Any]:
         ):
             _stop_on_signals(pipeline)
             try:
-                show(pipeline, kept if scene.outputs.picture else None)
+                show(pipeline, bus, kept if scene.outputs.picture else None)
             except MurkError as failed:
                 error = failed
     summary = pipeline.summary()
@@ -147,7 +149,7 @@ def _stop_on_signals(pipeline: Pipeline) -> None:
         signal.signal(number, lambda *_: pipeline.stop())
 
 
-def _emit_levels(pipeline: Pipeline, kept: list[NoiseLevel] | None) -> None:
+def _emit_levels(pipeline: Pipeline, _: Bus, kept: list[NoiseLevel] | None) -> None:
     for level in pipeline.run():
         emit(as_record(level))
         if kept is not None:
@@ -162,10 +164,16 @@ def _emit_node_event(event: NodeEvent) -> None:
     emit({"type": "node_event", **asdict(event)})
 
 
-def _watch_levels(pipeline: Pipeline, kept: list[NoiseLevel] | None) -> None:
+def _emit_choice(choice: ModelChoice) -> None:
+    emit({"type": "model_choice", **asdict(choice)})
+
+
+def _watch_levels(pipeline: Pipeline, bus: Bus, kept: list[NoiseLevel] | None) -> None:
     from node.cli.live import LiveView
+    from node.events import MODEL_TOPIC
 
     with LiveView() as view:
+        bus.subscribe(MODEL_TOPIC, view.choose)
         for level in pipeline.run():
             view.show(level)
             if kept is not None:
