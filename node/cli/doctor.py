@@ -14,18 +14,27 @@ from dbc.errors import MurkError
 from node.cli.output import emit
 
 REQUIRED = (
-    "numpy",
-    "python-can",
-    "cantools",
-    "opencv-contrib-python-headless",
     "av",
-    "onnxruntime",
-    "pydantic",
-    "typer",
-    "rich",
+    "cantools",
+    "crccheck",
     "matplotlib",
+    "mcap",
+    "numpy",
+    "onnxruntime",
+    "opencv-contrib-python-headless",
+    "pillow",
+    "pydantic",
+    "python-can",
+    "rich",
+    "rosbags",
+    "typer",
 )
-EXTRAS = {"train": ("torch", "onnx", "onnxscript")}
+EXTRAS = {
+    "ros2": ("cyclonedds",),
+    "scale": ("dask", "distributed"),
+    "train": ("onnx", "onnxscript", "scikit-learn", "torch"),
+    "view": ("aiohttp",),
+}
 ARPHRD_CAN = "280"
 """Type of a CAN interface in /sys/class/net (linux/if_arp.h)."""
 
@@ -99,6 +108,7 @@ def _cameras() -> Iterator[Finding]:
 
 def _parts() -> Iterator[Finding]:
     yield _try("database", "ars408.dbc", _load_database)
+    yield _try("database", "noise_level.dbc", _load_noise_level)
     yield _try("model", "camera", _load_camera)
     yield _try("model", "radar", _load_radar)
 
@@ -114,6 +124,13 @@ def _load_database() -> str:
     from dbc.codec import ars408
 
     ars408()
+    return "compiles"
+
+
+def _load_noise_level() -> str:
+    from dbc.codec import noise_level
+
+    noise_level()
     return "compiles"
 
 

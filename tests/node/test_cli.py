@@ -4,10 +4,13 @@ import json
 import signal
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from node.cli.doctor import EXTRAS, REQUIRED
 
 MURK = [sys.executable, "-c", "from node.cli import main; main()"]
 
@@ -112,3 +115,16 @@ def test_an_interrupted_run_ends_with_its_summary() -> None:
 )
 def test_wrong_input_is_one_line_and_exit_code_2(arguments: list[str], expected: str) -> None:
     assert expected in one_line(murk(*arguments))
+
+
+def test_the_doctor_looks_at_every_library_that_murk_declares() -> None:
+    declared = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+
+    def names(requirements: list[str]) -> set[str]:
+        return {requirement.partition(">=")[0] for requirement in requirements}
+
+    assert set(REQUIRED) == names(declared["dependencies"])
+    extras = {name: names(wanted) for name, wanted in declared["optional-dependencies"].items()}
+    assert {name: set(wanted) for name, wanted in EXTRAS.items()} == {
+        name: wanted for name, wanted in extras.items() if name != "dev"
+    }
