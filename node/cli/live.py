@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from models.estimate.level import NoiseLevel
+from node.events import ModelChoice
 
 BAR_WIDTH = 40
 REFRESH_S = 0.1
@@ -31,6 +32,7 @@ class LiveView:
         self._live = Live(console=self._console, auto_refresh=False)
         self._newest: dict[str, NoiseLevel] = {}
         self._arrivals: dict[str, deque[float]] = {}
+        self._choices: dict[str, ModelChoice] = {}
         self._shown_s = 0.0
 
     def __enter__(self) -> Self:
@@ -63,6 +65,12 @@ class LiveView:
             for newest in self._newest.values():
                 sys.stdout.write(_line(newest) + "\n")
 
+    def choose(self, choice: ModelChoice) -> None:
+        """Take in what a switch chose; shown with the next refresh, or as a line at once."""
+        self._choices[choice.switch] = choice
+        if not self._console.is_terminal:
+            sys.stdout.write(f"{choice.switch}: {choice.model}  ({choice.reason})\n")
+
     def _rate_hz(self, sensor: str) -> float:
         times = self._arrivals[sensor]
         span = times[-1] - times[0]
@@ -81,7 +89,11 @@ class LiveView:
                 f"{self._rate_hz(sensor):.1f}",
                 str(level.dropped),
             )
-        return Group(table)
+        active = [
+            Text(f"{name}: {choice.model}  ({choice.reason})")
+            for name, choice in list(self._choices.items())
+        ]
+        return Group(table, *active)
 
 
 def _bar(level: NoiseLevel) -> Text:

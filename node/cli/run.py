@@ -40,6 +40,10 @@ if TYPE_CHECKING:
     from node.pipeline import Pipeline
     from node.scene import Scene
 
+MOST_CHOICES = 100_000
+"""A switch may make all its choices at the end of a run as fast as possible; none is dropped."""
+JOIN_S = 2.0
+
 
 def run(
     scene: SceneFile = None,
@@ -109,11 +113,13 @@ def execute(scene: Scene, *, json: bool) -> dict[str, Any]:
     kept: list[NoiseLevel] = []
     error: MurkError | None = None
     with Bus() as bus:
+        listeners = []
         if json:
-            bus.subscribe(EVENT_TOPIC, _emit_node_event)
-            bus.subscribe(MODEL_TOPIC, _emit_choice)
-            for sensor in scene.sensors:
-                bus.subscribe(f"/murk/{sensor.name}/event", _emit_event)
+            listeners = [
+                bus.subscribe(EVENT_TOPIC, _emit_node_event),
+                bus.subscribe(MODEL_TOPIC, _emit_choice, depth=MOST_CHOICES),
+                *(bus.subscribe(f"/murk/{one.name}/event", _emit_event) for one in scene.sensors),
+            ]
         show = _emit_levels if json else _watch_levels
         with (
             closing(Pipeline(plan(scene), bus)) as pipeline,
@@ -125,6 +131,9 @@ def execute(scene: Scene, *, json: bool) -> dict[str, Any]:
                 show(pipeline, bus, kept if scene.outputs.picture else None)
             except MurkError as failed:
                 error = failed
+        for listener in listeners:
+            listener.close()
+            listener.join(JOIN_S)
     summary = pipeline.summary()
     if outputs:
         summary["outputs"] = {name: output.counts() for name, output in outputs.items()}
