@@ -7,6 +7,7 @@ own kind. What is written is CDR that was made before (``node.bus.messages``); D
 from __future__ import annotations
 
 import os
+import re
 from functools import cache
 from typing import Any
 from weakref import WeakValueDictionary
@@ -87,6 +88,11 @@ def ros_name(namespace: str, topic: str) -> str:
     return "/".join(["", *namespace.strip("/").split("/"), *topic.split("/")]).replace("//", "/")
 
 
+def node_name(scene: str) -> str:
+    """Return the node's name in ROS, where a name is a word of ASCII."""
+    return "murk_" + re.sub(r"[^a-zA-Z0-9_]", "_", scene)
+
+
 class RosParticipant:
     """Takes part in a DDS domain.
 
@@ -120,6 +126,10 @@ class RosParticipant:
         """Subscribe to a topic."""
         return RosReader(DataReader(self.dds, self._topic(topic, type_name), qos), type_name)
 
+    def close(self) -> None:
+        """Leave the domain, once all writers and readers are closed."""
+        self.dds = self._domain = None
+
     def _topic(self, topic: str, type_name: str) -> Any:
         return Topic(self.dds, f"rt{topic}", _struct(type_name, raw=True))
 
@@ -150,6 +160,10 @@ class RosWriter:
             raise ValueError(_reason(error)) from None
         return True
 
+    def close(self) -> None:
+        """Withdraw the topic."""
+        self.dds = None
+
 
 class RosReader:
     """Takes CDR bytes from one topic.
@@ -167,6 +181,10 @@ class RosReader:
     def take(self) -> list[bytes]:
         """Return the messages that have come, oldest first, without waiting."""
         return [sample.cdr for sample in self.dds.take(64) if not isinstance(sample, InvalidSample)]
+
+    def close(self) -> None:
+        """Unsubscribe."""
+        self.dds = None
 
 
 def _loopback_domain(domain: int) -> Any:
