@@ -177,9 +177,13 @@ class RadarSensor:
 
     def ghost_azimuth(self, range_m: ArrayLike) -> FloatArray:
         """Return the half field of view in which ghosts appear, rad, by range in m."""
+        limits, widths = self._ghost_bands
+        return np.asarray(widths[limits.searchsorted(range_m, side="right")])
+
+    @cached_property
+    def _ghost_bands(self) -> tuple[FloatArray, FloatArray]:
         limits = np.array([band.range_max_m for band in self.ghost_bands[:-1]])
-        widths = np.radians([band.azimuth_deg for band in self.ghost_bands])
-        return np.asarray(widths[np.searchsorted(limits, range_m, side="right")])
+        return limits, np.radians([band.azimuth_deg for band in self.ghost_bands])
 
     @cached_property
     def _grid_columns(self) -> tuple[FloatArray, FloatArray, FloatArray]:

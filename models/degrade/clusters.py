@@ -56,33 +56,40 @@ class Clusters:
     def __init__(self, scan: RadarScan, sensor: RadarSensor) -> None:
         self.scan = scan
         self.sensor = sensor
-        self.rows = np.array([scan.x, scan.y, scan.vx, scan.vy, scan.rcs], np.float64)
+        table = np.zeros((7, len(scan)))
+        for row, name in enumerate(_FIELDS):
+            table[row] = getattr(scan, name)
         self.source = np.arange(len(scan))
         self.far = scan.id >= scan.near
         self.invalid_state = scan.invalid_state
-        finite = np.isfinite(self.rows)
+        finite = np.isfinite(table)
         self.masked = 0
         if not finite.all():
             usable = np.flatnonzero(finite.all(axis=0))
             self.masked = len(scan) - len(usable)
-            self.rows = self.rows.take(usable, axis=1)
+            table = table.take(usable, axis=1)
             self._take(usable)
-        self.range: FloatArray = np.hypot(self.rows[0], self.rows[1])
-        self.order = self._order()
+        self._hold(table)
+        np.hypot(table[0], table[1], out=self.range)
+        self._put_in_order()
 
     def __len__(self) -> int:
         return len(self.source)
 
-    def _order(self) -> FloatArray:
-        """Return the range by which the sensor sorted each list.
+    def _hold(self, table: FloatArray) -> None:
+        """Hold the rows, the range and the order of each cluster in one array, (7, n)."""
+        self._table = table
+        self.rows, self.range, self.order = table[:5], table[5], table[6]
+
+    def _put_in_order(self) -> None:
+        """Find the range by which the sensor sorted each list.
 
         It sorts by what it measured, before rounding, so lists on the wire step back by up to a
         cell of the grid. The running maximum keeps that order.
         """
-        running = self.range.copy()
+        distance, order = self.range, self.order
         for part in (~self.far, self.far):
-            running[part] = np.maximum.accumulate(self.range[part])
-        return running
+            order[part] = np.maximum.accumulate(distance[part])
 
     @property
     def azimuth(self) -> FloatArray:
@@ -92,8 +99,7 @@ class Clusters:
     def keep(self, kept: Mask) -> None:
         """Leave out the clusters that are not kept."""
         index = np.flatnonzero(kept)
-        self.rows = self.rows.take(index, axis=1)
-        self.range, self.order = self.range[index], self.order[index]
+        self._hold(self._table.take(index, axis=1))
         self._take(index)
 
     def _take(self, index: Index) -> None:
@@ -106,25 +112,26 @@ class Clusters:
         np.multiply(distance, np.cos(azimuth), out=self.rows[0])
         np.multiply(distance, np.sin(azimuth), out=self.rows[1])
         self.order += distance - self.range
-        self.range = distance
+        self.range[:] = distance
 
     def add(self, rows: FloatArray, lender: Index, invalid_state: NDArray[np.uint8]) -> None:
         """Add clusters, each with the DynProp and quality of a lender already here."""
         distance = np.hypot(rows[0], rows[1])
-        far = self._joins_far(distance)
-        self.rows = np.concatenate([self.rows, rows], axis=1)
+        self.far = np.concatenate([self.far, self._joins_far(distance)])
+        table = np.empty((7, len(self) + len(distance)))
+        table[:, : len(self)] = self._table
+        table[:5, len(self) :], table[5:, len(self) :] = rows, distance
+        self._hold(table)
         self.source = np.concatenate([self.source, self.source[lender]])
-        self.far = np.concatenate([self.far, far])
-        self.range = np.concatenate([self.range, distance])
-        self.order = np.concatenate([self.order, distance])
         if self.invalid_state is not None:
             self.invalid_state = np.concatenate([self.invalid_state, invalid_state])
 
     def _joins_far(self, distance: FloatArray) -> Mask:
         """Return which newcomers join the far list: those beyond what the near list reaches."""
-        if self.far.all() or not self.far.any():
-            return np.full(len(distance), bool(self.far[0]))
-        return np.asarray(distance > float(self.range[~self.far].max()))
+        near = self.range[~self.far]
+        if len(near) in (0, len(self)):
+            return np.full(len(distance), len(near) == 0)
+        return np.asarray(distance > near.max())
 
     def sent(self) -> RadarScan:
         """Return the scan that the sensor would send.
@@ -143,15 +150,15 @@ class Clusters:
         index = np.lexsort((order, self.far))[:limit]
         self._take(index)
         far = int(np.count_nonzero(self.far))
-        values: dict[str, Any] = {name: getattr(scan, name) for name in scan.__dataclass_fields__}
-        for name, value in values.items():
-            if isinstance(value, np.ndarray):
-                values[name] = value[self.source]
-        values |= zip(_FIELDS, on_grid.take(index, axis=1).astype(np.float32), strict=True)
-        values["invalid_state"] = self.invalid_state
+        on_wire = on_grid.take(index, axis=1).astype(np.float32)
+        values: dict[str, Any] = dict(zip(_FIELDS, on_wire, strict=True))
         values["id"] = np.arange(len(self), dtype=np.uint8)
         values["near"], values["far"] = len(self) - far, far
-        values["frames_lost"] += self.masked
+        values["invalid_state"] = self.invalid_state
+        values["frames_lost"] = scan.frames_lost + self.masked
+        for name in scan.__dataclass_fields__.keys() - values.keys():
+            value = getattr(scan, name)
+            values[name] = value[self.source] if isinstance(value, np.ndarray) else value
         return type(scan)(**values)
 
 

@@ -123,22 +123,27 @@ def marked(jammer: Jammer, state: RadarState) -> RadarState:
     return replace(state, values=state.values | {"RadarState_Interference": 1.0})
 
 
-def _floor_db(jammer: Jammer, azimuth: FloatArray) -> FloatArray:
-    """Return how far the floor rises toward each azimuth (rad): a Gaussian beam in a sector."""
-    if jammer.kind != "noise_jam":
-        return np.full(len(azimuth), jammer.floor_db)
+def _floor_db(jammer: Jammer, azimuth: FloatArray) -> float | FloatArray:
+    """Return how far the floor rises toward each azimuth (rad): a Gaussian beam in a sector.
+
+    Chirps that cross raise it alike everywhere.
+    """
+    if jammer.kind == "interference":
+        return jammer.floor_db
     away = (np.degrees(azimuth) - jammer.azimuth_deg) / _SECTOR_STD_DEG
     return np.asarray(jammer.floor_db * np.exp(-(away**2) / 2))
 
 
-def _raise_floor(clusters: Clusters, floor_db: FloatArray, generator: np.random.Generator) -> None:
+def _raise_floor(
+    clusters: Clusters, floor_db: float | FloatArray, generator: np.random.Generator
+) -> None:
     """Drop what goes under in the noise; what stays scatters more (Cramér–Rao)."""
     echoes = echo_db(clusters.range, clusters.rows[4], clusters.sensor)
     margin = echoes - threshold_db(echoes, clusters.sensor)
     strength = 100 * (1 - 10 ** (-floor_db / 10))
-    missed = is_missed(margin, strength, floor_db, generator.standard_normal(len(clusters)))
-    clusters.keep(~missed)
-    growth = std_growth(floor_db[~missed])
+    kept = ~is_missed(margin, strength, floor_db, generator.standard_normal(len(clusters)))
+    clusters.keep(kept)
+    growth = std_growth(floor_db[kept] if isinstance(floor_db, np.ndarray) else floor_db)
     jitter(clusters, growth, generator.standard_normal((3, len(clusters))))
 
 
@@ -152,7 +157,8 @@ def _burst(jammer: Jammer, clusters: Clusters, generator: np.random.Generator) -
     azimuth = math.radians(jammer.azimuth_deg) + width * generator.standard_normal(jammer.ghosts)
     radial = generator.uniform(-30.0, 30.0, jammer.ghosts)
     x, y = np.cos(azimuth), np.sin(azimuth)
-    rcs = np.quantile(clusters.rows[4], generator.random(jammer.ghosts))
+    places = generator.random(jammer.ghosts) * (len(clusters) - 1)
+    rcs = np.interp(places, np.arange(len(clusters)), np.sort(clusters.rows[4]))
     rows = np.array([distance * x, distance * y, radial * x, radial * y, rcs])
     lender = generator.integers(0, len(clusters), jammer.ghosts)
     clusters.add(rows, lender, np.full(jammer.ghosts, 12, np.uint8))

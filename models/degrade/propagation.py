@@ -37,8 +37,8 @@ _BLOCKED_DB = 20.0
 _BENT_DEG = 5.0
 _RAIL_NEAREST_M, _RAIL_FARTHEST_M = 2.0, 12.0
 _RAIL_FEWEST = 5
-_MOVING = (0, 2, 6)
-"""DynProp: moving, oncoming, crossing moving."""
+_IS_MOVING = np.isin(np.arange(256), (0, 2, 6))
+"""By DynProp: moving, oncoming, crossing moving."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,13 +120,18 @@ def rail_offset(clusters: Clusters) -> float | None:
     None where fewer than five do.
     """
     y = clusters.rows[1]
-    beside = (np.abs(y) >= _RAIL_NEAREST_M) & (np.abs(y) <= _RAIL_FARTHEST_M)
-    standing = ~np.isin(clusters.scan.dyn_prop[clusters.source], _MOVING)
-    candidates = y[beside & standing]
-    cells, counts = np.unique(np.rint(candidates), return_counts=True)
-    if not len(counts) or counts.max() < _RAIL_FEWEST:
+    away = np.abs(y)
+    beside = (away >= _RAIL_NEAREST_M) & (away <= _RAIL_FARTHEST_M)
+    candidates = y[beside & ~_IS_MOVING[clusters.scan.dyn_prop[clusters.source]]]
+    if not len(candidates):
         return None
-    return float(np.median(candidates[np.rint(candidates) == cells[np.argmax(counts)]]))
+    cells = (np.rint(candidates) + _RAIL_FARTHEST_M).astype(np.intp)
+    counts = np.bincount(cells)
+    fullest = int(counts.argmax())
+    if counts[fullest] < _RAIL_FEWEST:
+        return None
+    line = np.sort(candidates[cells == fullest])
+    return float(line[(len(line) - 1) // 2] + line[len(line) // 2]) / 2
 
 
 def mirrored(rows: FloatArray, offset: float) -> FloatArray:
@@ -145,15 +150,16 @@ def mirrored(rows: FloatArray, offset: float) -> FloatArray:
 
 def bounced(rows: FloatArray) -> FloatArray:
     """Return the echoes that went twice between target and own car: twice as far and as fast."""
-    x, y, vx, vy, rcs = rows
-    return np.array([2 * x, 2 * y, 2 * vx, 2 * vy, rcs - BOUNCE_LOSS_DB])
+    images = 2 * rows
+    images[4] = rows[4] - BOUNCE_LOSS_DB
+    return images
 
 
 def _add_images(propagation: Propagation, clusters: Clusters) -> None:
     if not len(clusters):
         return
     chance = np.random.Generator(np.random.SFC64(propagation.seed)).random(len(clusters))
-    moving = np.isin(clusters.scan.dyn_prop[clusters.source], _MOVING)
+    moving = _IS_MOVING[clusters.scan.dyn_prop[clusters.source]]
     source = np.flatnonzero(moving & (chance < propagation.share))
     rows = clusters.rows[:, source]
     images, lender = [bounced(rows)], [source]

@@ -15,6 +15,7 @@ each sorted by range, IDs from 0, no more clusters than a cycle carries.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -168,7 +169,7 @@ def apply(
     if kind in ("snr", "missed"):
         _miss(clusters, degradation.level, drop_db, deviates(len(clusters)))
     if kind in ("snr", "jitter"):
-        jitter(clusters, std_growth(drop_db), deviates((3, len(clusters))))
+        jitter(clusters, float(std_growth(drop_db)), deviates((3, len(clusters))))
     if degradation.ghosts and len(clusters):
         _add_ghosts(clusters, degradation.ghosts)
     sent = clusters.sent()
@@ -223,7 +224,7 @@ def is_missed(
     """
     over = np.minimum(margin_db - drop_db, 3000.0)
     remaining = np.exp(over * _NEPERS_PER_DB)
-    return np.asarray(remaining + np.multiply(level, 0.01) * deviates < 1.0)
+    return np.asarray(remaining + level * 0.01 * deviates < 1.0)
 
 
 def std_growth(drop_db: float | FloatArray) -> FloatArray:
@@ -242,7 +243,7 @@ def _miss(clusters: Clusters, level: float, drop_db: float, deviates: FloatArray
     clusters.keep(~is_missed(margin, level, drop_db, deviates))
 
 
-def jitter(clusters: Clusters, growth: FloatArray, deviates: FloatArray) -> None:
+def jitter(clusters: Clusters, growth: float | FloatArray, deviates: FloatArray) -> None:
     """Scatter range, azimuth and radial velocity by ``growth`` times the sensor's accuracy.
 
     Parameters
@@ -256,8 +257,7 @@ def jitter(clusters: Clusters, growth: FloatArray, deviates: FloatArray) -> None
     """
     sensor, distance, azimuth = clusters.sensor, clusters.range, clusters.azimuth
     faster = growth * sensor.velocity_std * deviates[2] / np.maximum(distance, sensor.range_min_m)
-    clusters.rows[2] += faster * clusters.rows[0]
-    clusters.rows[3] += faster * clusters.rows[1]
+    clusters.rows[2:4] += faster * clusters.rows[:2]
     moved = distance + growth * sensor.range_std(distance) * deviates[0]
     turned = azimuth + growth * sensor.azimuth_std(distance, azimuth) * deviates[1]
     clusters.move(np.maximum(moved, sensor.range_min_m), turned)
@@ -265,15 +265,18 @@ def jitter(clusters: Clusters, growth: FloatArray, deviates: FloatArray) -> None
 
 def _add_ghosts(clusters: Clusters, ghosts: tuple[Ghost, ...]) -> None:
     sensor, real = clusters.sensor, len(clusters)
-    along, across, loudness, lend = np.array(
-        [(g.range_fraction, g.azimuth_fraction, g.rcs_fraction, g.source_fraction) for g in ghosts]
-    ).T
     reach = float(clusters.range.max()) + 10.0 - sensor.range_min_m
-    distance = sensor.range_min_m + along * reach
-    azimuth = across * sensor.ghost_azimuth(distance)
-    lender = (lend * real).astype(np.intp)
-    x, y = np.cos(azimuth), np.sin(azimuth)
-    radial = clusters.rows[2, lender] * x + clusters.rows[3, lender] * y
-    rcs = np.sort(clusters.rows[4])[np.rint(loudness * (real - 1)).astype(np.intp)]
-    rows = np.array([distance * x, distance * y, radial * x, radial * y, rcs])
-    clusters.add(rows, lender, np.array([ghost.invalid_state for ghost in ghosts], np.uint8))
+    distances = [sensor.range_min_m + ghost.range_fraction * reach for ghost in ghosts]
+    widths = sensor.ghost_azimuth(distances).tolist()
+    lenders = [int(ghost.source_fraction * real) for ghost in ghosts]
+    _, _, vx, vy, rcs = clusters.rows
+    loudness = np.sort(rcs)
+    rows = []
+    for ghost, distance, width, lender in zip(ghosts, distances, widths, lenders, strict=True):
+        azimuth = ghost.azimuth_fraction * width
+        x, y = math.cos(azimuth), math.sin(azimuth)
+        radial = vx[lender] * x + vy[lender] * y
+        rcs = loudness[round(ghost.rcs_fraction * (real - 1))]
+        rows.append((distance * x, distance * y, radial * x, radial * y, rcs))
+    states = np.array([ghost.invalid_state for ghost in ghosts], np.uint8)
+    clusters.add(np.array(rows).T, np.array(lenders), states)

@@ -59,7 +59,7 @@ def textured_image(height: int = _HEIGHT, width: int = _WIDTH) -> Image:
 
 
 def full_scan() -> RadarScan:
-    """Return a scan of 250 clusters along a road, without quality."""
+    """Return a scan of 250 clusters along a road, a quarter of them moving, without quality."""
     n = ARS408.max_clusters
     random = np.random.default_rng(1)
     distance = np.sort(random.gamma(3.0, 18.0, n))
@@ -90,7 +90,7 @@ def full_scan() -> RadarScan:
         vx=vx,
         vy=vy,
         rcs=rcs,
-        dyn_prop=np.ones(n, np.uint8),
+        dyn_prop=np.where(np.arange(n) % 4, 1, 0).astype(np.uint8),
     )
 
 
