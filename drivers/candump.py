@@ -6,12 +6,12 @@ import gzip
 import io
 import re
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 from dbc.errors import LogError
 from drivers.can_frames import CanFrames, FrameFlag
 from drivers.candump_layout import Fields, Layout, layout_of
+from drivers.candump_writer import is_gzip, reason_of, write_candump
+
+__all__ = ["read_candump", "write_candump"]
 
 _EXPECTED = "expected a candump line like (1532402927.664178) can0 701#004F5A12771FE187"
 _NO_FRAME = np.frombuffer(b"\t\r\n", np.uint8)
@@ -27,7 +30,6 @@ _LONGEST_LINE = 1024
 _HEAD_BYTES = 1 << 16
 _FIRST_DIFFERENCE = re.compile(rb"\s*\(000\.0+\)")
 _RELATIVE_STAMP = re.compile(rb"^\s*\((\d+)\.(\d+)\)", re.MULTILINE)
-_ERROR_BIT = 0x20000000
 
 
 def read_candump(path: str | Path, chunk_bytes: int = 1 << 18) -> Iterator[CanFrames]:
@@ -77,54 +79,15 @@ def read_candump(path: str | Path, chunk_bytes: int = 1 << 18) -> Iterator[CanFr
                     raise _bad_line(f"{path}:{line_number + lines.number[good]}", lines[good])
                 line_number += text.count(b"\n")
     except (OSError, EOFError, OverflowError, zlib.error) as error:
-        raise LogError(path, f"cannot be read ({_reason(error)})", _EXPECTED) from error
+        raise LogError(path, f"cannot be read ({reason_of(error)})", _EXPECTED) from error
     if not frame_count:
         raise LogError(f"{path}:1", "holds no CAN frame", _EXPECTED)
 
 
-def write_candump(path: str | Path, frames: Iterable[CanFrames]) -> int:
-    """Write frames as a compact candump log, compressed where ``path`` ends in ``.gz``.
-
-    Stamps get six decimals where all of a batch are whole microseconds, else nine. A transmitted
-    frame is marked with ``T``.
-
-    Returns
-    -------
-    int
-        Frames written.
-
-    Raises
-    ------
-    LogError
-        If the file cannot be written.
-    ValueError
-        If a stamp is negative, which the format cannot say.
-    """
-    count = 0
-    try:
-        with _create(path) as file:
-            for batch in frames:
-                file.write(_format(batch))
-                count += len(batch)
-    except OSError as error:
-        raise LogError(path, f"cannot be written ({_reason(error)})") from error
-    return count
-
-
 @contextmanager
 def _open(path: str | Path) -> Iterator[io.BufferedReader]:
-    with gzip.open(path) if _is_gzip(path) else Path(path).open("rb", buffering=0) as raw:
+    with gzip.open(path) if is_gzip(path) else Path(path).open("rb", buffering=0) as raw:
         yield io.BufferedReader(cast(io.RawIOBase, raw), _HEAD_BYTES)
-
-
-@contextmanager
-def _create(path: str | Path) -> Iterator[BinaryIO]:
-    with gzip.open(path, "wb") if _is_gzip(path) else Path(path).open("wb") as file:
-        yield cast(BinaryIO, file)
-
-
-def _is_gzip(path: str | Path) -> bool:
-    return Path(path).suffix == ".gz"
 
 
 def _are_differences(head: bytes) -> bool:
@@ -256,46 +219,6 @@ def _read_layout(
     return rows[~fields.fits]
 
 
-def _reason(error: Exception) -> str:
-    return (isinstance(error, OSError) and error.strerror) or str(error)
-
-
 def _bad_line(where: str, line: bytes) -> LogError:
     beginning = repr(line[:40])[1:]
     return LogError(where, f"no CAN frame in the line {beginning}", _EXPECTED)
-
-
-def _format(frames: CanFrames) -> bytes:
-    if len(frames) and frames.stamp_ns.min() < 0:
-        raise ValueError("a candump log cannot say a negative stamp")
-    unit_ns, decimals = (1000, 6) if not (frames.stamp_ns % 1000).any() else (1, 9)
-    seconds, fractions = np.divmod(frames.stamp_ns, 10**9)
-    rows = zip(
-        seconds.tolist(),
-        (fractions // unit_ns).tolist(),
-        frames.can_id.tolist(),
-        frames.length.tolist(),
-        frames.data,
-        frames.flags.tolist(),
-        frames.channel.tolist(),
-        strict=True,
-    )
-    return "".join(
-        f"({second:010d}.{fraction:0{decimals}d}) {frames.channels[channel]} "
-        f"{_format_frame(can_id, length, data, flags)}\n"
-        for second, fraction, can_id, length, data, flags, channel in rows
-    ).encode()
-
-
-def _format_frame(can_id: int, length: int, data: NDArray[np.uint8], flags: int) -> str:
-    if flags & FrameFlag.ERROR:
-        identifier = f"{can_id | _ERROR_BIT:08X}"
-    else:
-        identifier = f"{can_id:08X}" if flags & FrameFlag.EXTENDED else f"{can_id:03X}"
-    payload = data[:length].tobytes().hex().upper()
-    if flags & FrameFlag.REMOTE:
-        payload = f"R{length or ''}"
-    elif flags & FrameFlag.FD:
-        switch, error_state = flags & FrameFlag.BIT_RATE_SWITCH, flags & FrameFlag.ERROR_STATE
-        payload = f"#{(1 if switch else 0) | (2 if error_state else 0):X}{payload}"
-    return f"{identifier}#{payload}" + (" T" if flags & FrameFlag.TRANSMITTED else "")
