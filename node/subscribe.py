@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from dbc.errors import SceneError
 from models.estimate.level import NoiseLevel
@@ -16,11 +17,13 @@ TICK_S = 0.05
 def subscribe(source: Bus | str, sensors: Sequence[str]) -> Iterator[NoiseLevel | None]:
     """Return the levels of some sensors as they come, and None where none came for ``TICK_S``.
 
+    A recording is read as fast as it is asked, without waiting: its time is that of the stamps.
+
     Parameters
     ----------
     source:
-        A bus of this process; or a carrier by name: ``ros2:`` or ``ros2:DOMAIN``, ``can:BUS``
-        (``can:socketcan:can0``), or an MCAP recording's path.
+        A bus of this process; or a carrier by name: ``ros2:DOMAIN/NAMESPACE`` (each may be left
+        out), ``can:BUS`` (``can:socketcan:can0``), or an MCAP recording's path.
     sensors:
         Names of the sensors; on CAN, which carries no names, in the order of the node's scene.
 
@@ -36,7 +39,21 @@ def subscribe(source: Bus | str, sensors: Sequence[str]) -> Iterator[NoiseLevel 
         from node.bus.can_subscribe import can_levels
 
         return can_levels(rest, sensors)
+    if name == "ros2":
+        from node.bus.ros2_subscribe import ros2_levels
+
+        return ros2_levels(rest, sensors)
+    if Path(source).suffix == ".mcap":
+        return _recorded_levels(Path(source), sensors)
     raise SceneError(source, "is no carrier of noise levels", "expected ros2:, can:BUS, FILE.mcap")
+
+
+def _recorded_levels(path: Path, sensors: Sequence[str]) -> Iterator[NoiseLevel]:
+    from node.bus.mcap_reader import open_mcap
+    from node.bus.messages import from_ros, typestore
+
+    entries = open_mcap(path).entries({f"/murk/{sensor}/noise_level" for sensor in sensors})
+    return (from_ros(entry.type_name, entry.cdr, typestore()) for entry in entries)
 
 
 class BusLevels:

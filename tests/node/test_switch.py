@@ -11,7 +11,6 @@ from node.bus.in_process import Bus
 from node.events import MODEL_TOPIC, ModelChoice
 from node.plan import Plan, plan
 from node.scene import check_scene
-from node.subscribe import BusLevels, subscribe
 from node.switch import ModelSwitch, SwitchOutput
 from tests.node.switching import RULES, SECOND, noise_level, switch
 
@@ -68,32 +67,6 @@ def test_it_follows_levels_until_they_end() -> None:
     made = ModelSwitch(switch(dwell_s=0), models([]))
     made.follow(levels())
     assert made.model == "radar_only"
-
-
-def test_subscribing_to_a_bus_yields_levels_and_lets_time_pass() -> None:
-    with Bus() as bus:
-        levels = subscribe(bus, ["camera", "radar"])
-        bus.publish(TOPIC.format("camera"), first := noise_level("camera", 1))
-        bus.publish(TOPIC.format("radar"), second := noise_level("radar", 2))
-        bus.publish(TOPIC.format("rear"), noise_level("rear", 3))
-        assert [next(levels) for _ in range(3)] == [first, second, None]
-    with pytest.raises(StopIteration):
-        next(levels)
-
-
-def test_a_subscriber_that_is_slow_loses_the_oldest_and_counts() -> None:
-    with Bus() as bus:
-        levels = BusLevels(bus, ["camera"])
-        for number in range(8):
-            bus.publish(TOPIC.format("camera"), noise_level("camera", number))
-        levels.close()
-        assert [level.level for level in levels if level] == [3, 4, 5, 6, 7]
-        assert levels.dropped == 3
-
-
-def test_an_unknown_carrier_is_refused() -> None:
-    with pytest.raises(SceneError, match="no carrier"):
-        subscribe("smoke:signals", ["camera"])
 
 
 def outputs_scene(fast: bool, dwell_s: float, rules: list[dict[str, Any]] = RULES) -> Plan:
