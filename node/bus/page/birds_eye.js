@@ -28,7 +28,8 @@ export class BirdsEye {
     this.mode = remembered(`colour-${sensor}`, "rcs") === "doppler" ? "doppler" : "rcs";
     this.canvas = element("canvas", { role: "img", "aria-label": "Radar points from above" });
     this.dirty = true;
-    const ranges = Object.keys(RINGS).map((range) => [range, `${range} m`]);
+    const ranges = Object.keys(RINGS).map((range) => [range, range]);
+    ranges.at(-1)[1] += " m";
     figure.append(
       this.canvas,
       element(
@@ -66,7 +67,7 @@ export class BirdsEye {
     drawView(context, origin, scale);
     this.drawRings(context, origin, scale, width);
     this.drawPoints(context, origin, scale);
-    this.nameRings(context, origin, scale);
+    this.nameRings(context, origin, scale, width);
     drawVehicle(context, origin);
     this.drawKey(context, width, height);
   }
@@ -84,7 +85,7 @@ export class BirdsEye {
   }
 
   /** Name every other ring where it leaves the field of view, clear of most points. */
-  nameRings(context, origin, scale) {
+  nameRings(context, origin, scale, width) {
     context.fillStyle = TEXT;
     context.font = `12px ${FONT}`;
     context.textAlign = "left";
@@ -92,7 +93,7 @@ export class BirdsEye {
     for (let metres = 2 * RINGS[this.range]; metres <= this.range; metres += 2 * RINGS[this.range]) {
       const angle = ((NAMES_ANGLE - 90) * Math.PI) / 180;
       const column = origin.x + metres * scale * Math.cos(angle);
-      context.fillText(`${metres} m`, column + 4, origin.y + metres * scale * Math.sin(angle));
+      context.fillText(`${metres} m`, Math.min(column + 4, width - 40), origin.y + metres * scale * Math.sin(angle));
     }
   }
 

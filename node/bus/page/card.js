@@ -99,7 +99,6 @@ export class Card {
     this.injection?.show(record.injected);
     this.showKinds(record.kinds ?? {}, record.kind);
     const injected = Object.entries(record.injected ?? {});
-    this.parts.injecting.hidden = !injected.length;
     setText(this.parts.injecting, injected.length ? "injecting" : "");
   }
 
@@ -117,16 +116,16 @@ export class Card {
     }
   }
 
-  /** Why the newest level is not to be taken for the present one; null where it is. */
+  /** Why the newest level is not the present one, and how old it is; null where it is present. */
   silence(now, linked) {
-    if (!this.record || this.record.t === undefined) return "waiting for data";
+    if (!this.record || this.record.t === undefined) return ["no data yet", ""];
     const age = now - this.record.t;
-    const seconds = `${(age / 1000).toFixed(age < 10000 ? 1 : 0)} s old`;
-    if (!linked) return `not live, ${seconds}`;
+    const old = `${(age / 1000).toFixed(age < 10000 ? 1 : 0)} s old`;
+    if (!linked) return ["not live", old];
     const cycle = 1000 / (this.record.rate ?? 10);
     const silent = age > Math.max(SHORTEST_SILENCE_MS, SILENT_CYCLES * cycle);
     const health = this.record.health;
-    if (silent || (health && health !== "ok")) return `${HEALTH[health] ?? "silent"}, ${seconds}`;
+    if (silent || (health && health !== "ok")) return [HEALTH[health] ?? "silent", old];
     return null;
   }
 
@@ -140,17 +139,18 @@ export class Card {
     const number = silence ? "–" : String(Math.round(record.level));
     setText(parts.level, number);
     setText(this.tile.lastChild, `${MARKS[verdict]} ${number} %`);
-    setText(parts.verdict, silence ? `${MARKS.unknown} ${silence}` : `${MARKS[verdict]} ${wordsOf(verdict, record)}`);
-    setText(parts.std, silence ? "" : `± ${record.std.toFixed(record.std < 10 ? 1 : 0)} %`);
+    setText(parts.verdict, `${MARKS[verdict]} ${silence ? silence[0] : wordsOf(verdict, record)}`);
+    setText(parts.std, silence ? silence[1] : `± ${record.std.toFixed(record.std < 10 ? 1 : 0)} %`);
     setText(parts.injected, silence ? "" : injectedText(record));
-    setText(parts.health, silence ? silence.split(",")[0] : "live");
+    parts.injecting.hidden = Boolean(silence) || !parts.injecting.textContent;
+    setText(parts.health, silence ? silence[0] : "live");
     setAttribute(parts.health, "data-state", silence ? "bad" : "good");
     setText(parts.rate, silence || !record.rate ? "–" : `${record.rate.toFixed(1)} Hz`);
     setText(parts.dropped, record?.dropped === undefined ? "–" : String(record.dropped));
     setText(parts.p50, milliseconds(record?.p50));
     setText(parts.p99, milliseconds(record?.p99));
     this.age.hidden = !silence || record?.t === undefined;
-    setText(this.age, silence ?? "");
+    setText(this.age, silence?.join(", ") ?? "");
     this.showGauge(silence);
     this.injection?.enable(linked);
   }
@@ -159,7 +159,7 @@ export class Card {
     const { level = 0, std = 0, injected } = this.record ?? {};
     const style = this.gauge.style;
     setAttribute(this.gauge, "aria-valuenow", silence ? "0" : String(level));
-    setAttribute(this.gauge, "aria-valuetext", silence ?? `${Math.round(level)} percent, plus or minus ${Math.round(std)}`);
+    setAttribute(this.gauge, "aria-valuetext", silence?.join(", ") ?? `${Math.round(level)} percent, plus or minus ${Math.round(std)}`);
     style.setProperty("--level", silence ? "0%" : `${level}%`);
     style.setProperty("--low", `${silence ? 0 : Math.max(0, level - std)}%`);
     style.setProperty("--high", `${silence ? 0 : Math.min(100, level + std)}%`);

@@ -46,8 +46,8 @@ export class Chart {
     this.drawSilence(context, x, y, now);
     for (const run of this.runs()) {
       drawBand(context, x, y, run);
-      if (this.injectable) drawInjected(context, x, y, run);
       drawEstimated(context, x, y, run);
+      if (this.injectable) drawInjected(context, x, y, run);
     }
     context.restore();
     this.drawNewest(context, x, y, now);
@@ -130,8 +130,8 @@ function drawBand(context, x, y, points) {
 /** What was injected holds until the next message; null is nothing. */
 function drawInjected(context, x, y, points) {
   context.strokeStyle = colour("injected");
-  context.lineWidth = 2.5;
-  context.setLineDash([7, 4]);
+  context.lineWidth = 2;
+  context.setLineDash([6, 6]);
   context.beginPath();
   let before = points[0][3] ?? 0;
   for (const [t, , , injected] of points) {
@@ -146,7 +146,7 @@ function drawInjected(context, x, y, points) {
 
 function drawEstimated(context, x, y, points) {
   context.strokeStyle = colour("estimated");
-  context.lineWidth = 2.5;
+  context.lineWidth = 3;
   context.lineJoin = "round";
   context.beginPath();
   for (const [t, level] of points) context.lineTo(x(t), y(level));

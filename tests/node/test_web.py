@@ -1,0 +1,461 @@
+from __future__ import annotations
+
+import asyncio
+import re
+import socket
+import sys
+from collections.abc import Callable
+from threading import Thread
+from time import sleep
+from typing import Any
+
+import aiohttp
+import cv2
+import numpy as np
+import pytest
+
+from dbc.errors import InputError, MissingExtra
+from models.world.radar import WorldRadar
+from models.world.road import World
+from node.bus import web_server
+from node.bus.in_process import Bus
+from node.bus.web import WebView
+from node.bus.web_broadcast import Broadcaster
+from node.bus.web_feed import Feed
+from node.events import EVENT_TOPIC, MODEL_TOPIC, STATE_TOPIC, ModelChoice, NodeEvent, NodeState
+from node.health import SensorEvent
+from node.pipeline import Pipeline
+from node.plan import plan
+from node.scene import check_scene
+from tests.node.web_views import (
+    NOISE,
+    SENSORS,
+    Injections,
+    frame,
+    level_of,
+    news,
+    serving,
+    thumbnail,
+    until,
+    view_plan,
+)
+
+LEVEL = "/murk/camera/noise_level"
+IMAGE = "/murk/camera/image"
+
+
+def test_a_viewer_gets_everything_and_then_what_is_new() -> None:
+    with Bus() as bus, serving(bus) as view:
+        bus.publish(LEVEL, level_of("camera", 55.0))
+        bus.publish(MODEL_TOPIC, ModelChoice("detector", 1, "radar only", "", "camera at 55 %"))
+        bus.publish(STATE_TOPIC, NodeState("scene", 1, "active", 6))
+        bus.publish("/murk/radar/event", SensorEvent("radar", 1, "stale", "silent for 1 s"))
+        until(lambda: view._feed.full(0)["sensors"]["camera"]["points"])
+        until(lambda: len(view._feed.full(0)["events"]) == 2)
+
+        async def watch() -> None:
+            async with (
+                aiohttp.ClientSession() as session,
+                session.ws_connect(view.url + "live") as viewer,
+            ):
+                full = await news(viewer, "full")
+                sensors = {sensor["name"]: sensor for sensor in full["scene"]["sensors"]}
+                assert "blur" in sensors["camera"]["kinds"]
+                assert sensors["radar"]["kinds"] == []  # the scene injects nothing into it
+                camera = full["sensors"]["camera"]
+                assert (camera["level"], camera["std"]) == (55.0, 2.0)
+                assert camera["injected"] == {"noise": 60.0}
+                assert camera["kinds"] == {"clean": 0.1, "noise": 0.9}
+                assert (camera["dropped"], camera["p50"]) == (4, 3.0)
+                assert camera["points"][0][1:] == [55.0, 2.0, 60.0]
+                assert full["sensors"]["radar"]["health"] == "stale"
+                assert full["models"]["detector"]["model"] == "radar only"
+                assert full["models"]["detector"]["reason"] == "camera at 55 %"
+                assert (full["node"]["state"], full["node"]["sequence"]) == ("active", 6)
+                first = await news(viewer, "update")
+                sleep(0.1)  # the history takes a point in so long
+                bus.publish(LEVEL, level_of("camera", 20.0))
+                while first["sensors"]["camera"]["level"] != 20.0:
+                    second = await news(viewer, "update")
+                    assert second["tick"] == first["tick"] + 1
+                    first = second
+                assert [20.0, 2.0, 60.0] in [p[1:] for p in first["sensors"]["camera"]["points"]]
+                assert first["events"] == []
+
+        asyncio.run(watch())
+
+
+def test_nothing_is_made_while_nobody_watches() -> None:
+    with Bus() as bus, serving(bus) as view:
+        for sequence in range(20):
+            bus.publish(IMAGE, frame(sequence=sequence))
+            bus.publish(LEVEL, level_of("camera", 1.0, sequence))
+            sleep(0.02)
+        counts = view.counts()
+        assert (counts["snapshots"], counts["thumbnails"]) == (0, 0)
+
+
+def test_a_frame_is_encoded_once_for_all_viewers() -> None:
+    with Bus() as bus, serving(bus) as view:
+        bus.publish(IMAGE, frame(90))
+
+        async def watch() -> list[bytes]:
+            async with aiohttp.ClientSession() as session:
+                viewers = [await session.ws_connect(view.url + "live") for _ in range(10)]
+                return await asyncio.gather(*map(thumbnail, viewers))
+
+        thumbnails = asyncio.run(watch())
+        assert view.counts()["thumbnails"] == 1
+        assert len(set(thumbnails)) == 1
+        assert thumbnails[0][0] == 1  # the camera is the second sensor
+        image = cv2.imdecode(np.frombuffer(thumbnails[0][1:], np.uint8), cv2.IMREAD_COLOR)
+        assert image is not None
+        assert abs(float(image.mean()) - 90) < 2
+
+
+def test_a_scan_is_sent_once_and_whole_to_who_comes_later() -> None:
+    scan = next(WorldRadar(World(seed=1, duration_s=1.0)).scans())
+    with Bus() as bus:
+        feed = Feed(view_plan(), bus)
+        bus.publish("/murk/radar/scan", scan)
+        sent = feed.update(1, 0, 0)["sensors"]["radar"]["scan"]
+        assert np.allclose(np.array(sent["x"]) / 10, scan.x, atol=0.051)
+        assert np.allclose(np.array(sent["vy"]) / 10, scan.vy, atol=0.051)
+        assert np.allclose(sent["rcs"], scan.rcs, atol=0.51)
+        assert "scan" not in feed.update(2, 0, 0)["sensors"]["radar"]
+        assert feed.full(2)["sensors"]["radar"]["scan"] == sent
+
+
+class SlowViewer:
+    """Takes the first snapshot, and then no more until it is let."""
+
+    closed = False
+
+    def __init__(self) -> None:
+        self.taken: list[str] = []
+        self.free = asyncio.Event()
+
+    async def send_str(self, text: str) -> None:
+        self.taken.append(text)
+        await self.free.wait()
+
+    async def send_bytes(self, data: bytes) -> None:
+        pass
+
+
+def test_a_slow_viewer_gets_the_newest_and_holds_up_nobody() -> None:
+    async def watch(broadcaster: Broadcaster) -> SlowViewer:
+        slow, quick = SlowViewer(), SlowViewer()
+        quick.free.set()
+        viewers: list[Any] = [slow, quick]
+        tasks = [asyncio.create_task(broadcaster.follow(viewer)) for viewer in viewers]
+        tasks.append(asyncio.create_task(broadcaster.run()))
+        async with asyncio.timeout(30):
+            while len(quick.taken) < 6:
+                await asyncio.sleep(0.01)
+            assert len(slow.taken) == 1
+            slow.free.set()
+            while len(slow.taken) < 3:
+                await asyncio.sleep(0.01)
+        for task in tasks:
+            task.cancel()
+        assert all('"type":"update"' in text for text in quick.taken[1:])
+        return slow
+
+    with Bus() as bus:
+        broadcaster = Broadcaster(Feed(view_plan(), bus), bus)
+        slow = asyncio.run(watch(broadcaster))
+    assert '"type":"full"' in slow.taken[1]
+    assert '"type":"update"' in slow.taken[2]
+    assert broadcaster.counts["skipped"] >= 4
+
+
+def converse(view: WebView, talk: Callable[[aiohttp.ClientWebSocketResponse], Any]) -> Any:
+    async def run() -> Any:
+        async with (
+            aiohttp.ClientSession() as session,
+            session.ws_connect(view.url + "live") as viewer,
+        ):
+            return await talk(viewer)
+
+    return asyncio.run(run())
+
+
+def test_injection_requests_are_done_or_refused_with_the_reason_and_the_viewer_stays() -> None:
+    asked = Injections()
+    with Bus() as bus, serving(bus, asked) as view:
+        said = bus.subscribe(EVENT_TOPIC)
+
+        async def talk(viewer: aiohttp.ClientWebSocketResponse) -> None:
+            request = {"id": 1, "sensor": "camera", "kind": "noise", "level": 60}
+            await viewer.send_json(request)
+            assert await news(viewer, "answer") == {"type": "answer", "id": 1, "ok": True}
+            await viewer.send_json(request | {"id": 2, "level": None})
+            assert (await news(viewer, "answer"))["ok"]
+            await viewer.send_json(request | {"id": 3, "kind": "gremlins"})
+            refused = await news(viewer, "answer")
+            assert (refused["id"], refused["ok"], refused["where"]) == (3, False, "camera")
+            assert "gremlins" in refused["what"]
+            for text in ("{", '{"id": 4}'):
+                await viewer.send_str(text)
+                refused = await news(viewer, "answer")
+                assert not refused["ok"]
+                assert "expected" in refused["remedy"]
+            await viewer.send_bytes(b"\x00")
+            assert not (await news(viewer, "answer"))["ok"]
+            await news(viewer, "update")
+
+        converse(view, talk)
+        assert asked.asked == [("camera", "noise", 60), ("camera", "noise", None)]
+        assert (view.counts()["injections"], view.counts()["malformed"]) == (2, 4)
+        event = next(iter(said))
+        assert isinstance(event, NodeEvent)
+        assert event.source == "view"
+        assert "gremlins" in event.detail
+
+
+def test_a_viewer_that_floods_is_closed_counted_and_said_and_others_stay() -> None:
+    with Bus() as bus, serving(bus) as view:
+        said = bus.subscribe(EVENT_TOPIC, depth=100)
+
+        async def flood(viewer: aiohttp.ClientWebSocketResponse) -> None:
+            with_error = aiohttp.WSMsgType.ERROR
+            ended = (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED, with_error)
+            try:
+                for _ in range(5000):
+                    await viewer.send_str("{}")
+            except (ConnectionError, aiohttp.ClientError):
+                return
+            async with asyncio.timeout(30):
+                while (await viewer.receive()).type not in ended:
+                    pass
+
+        async def run() -> None:
+            async with (
+                aiohttp.ClientSession() as session,
+                session.ws_connect(view.url + "live") as calm,
+            ):
+                async with session.ws_connect(view.url + "live") as wild:
+                    await flood(wild)
+                for _ in range(3):
+                    await news(calm, "update")
+
+        asyncio.run(run())
+        counts = view.counts()
+        assert counts["floods"] == 1
+        assert counts["malformed"] < 2 * web_server.MESSAGES_BURST
+        said.close()
+        details = [event.detail for event in said]
+        assert len(details) <= 7  # the flood does not go on in the events
+
+
+def test_a_message_that_is_too_long_ends_its_viewer_alone() -> None:
+    with Bus() as bus, serving(bus) as view:
+
+        async def run() -> None:
+            async with (
+                aiohttp.ClientSession() as session,
+                session.ws_connect(view.url + "live") as other,
+            ):
+                async with session.ws_connect(view.url + "live") as viewer:
+                    await viewer.send_str("x" * (web_server.LONGEST_MESSAGE + 1))
+                    async with asyncio.timeout(30):
+                        while (await viewer.receive()).type in (
+                            aiohttp.WSMsgType.TEXT,
+                            aiohttp.WSMsgType.BINARY,
+                        ):
+                            pass
+                    assert viewer.close_code == aiohttp.WSCloseCode.MESSAGE_TOO_BIG
+                await news(other, "update")
+
+        asyncio.run(run())
+
+
+def ask(view: WebView, path: str = "", **options: Any) -> tuple[int, str, dict[str, str]]:
+    async def run() -> tuple[int, str, dict[str, str]]:
+        async with (
+            aiohttp.ClientSession() as session,
+            session.get(view.url + path, **options) as answer,
+        ):
+            return answer.status, await answer.text(), dict(answer.headers)
+
+    return asyncio.run(run())
+
+
+UPGRADE = {
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+}
+
+
+def test_other_sites_get_nothing() -> None:
+    with Bus() as bus, serving(bus) as view:
+        assert ask(view)[0] == 200
+        assert ask(view, headers={"Host": "evil.example"})[0] == 421
+        assert ask(view, "live", headers={**UPGRADE, "Origin": "http://evil.example"})[0] == 403
+        assert view.counts()["denied"] == 2
+        assert view.counts()["viewers"] == 0
+
+
+def test_what_the_page_needs_is_served_and_nothing_else() -> None:
+    with Bus() as bus, serving(bus) as view:
+        text = ask(view)[1]
+        for path in re.findall(r'(?:href|src)="([a-z_.]+)"', text):
+            assert ask(view, path)[0] == 200, path
+        for script in re.findall(r'from "\./([a-z_.]+)"', ask(view, "page.js")[1]):
+            assert ask(view, script)[2]["Content-Type"].startswith("text/javascript"), script
+        headers = ask(view)[2]
+        assert headers["X-Content-Type-Options"] == "nosniff"
+        assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
+        for path in ("web.py", "../web.py", "%2e%2e/web.py", "page", "live"):
+            assert ask(view, path)[0] in (400, 404), path
+
+
+SECRET = "correct horse"
+
+
+def test_a_token_is_asked_for_and_then_kept_in_a_cookie() -> None:
+    with Bus() as bus, serving(bus, host="127.0.0.1", token=SECRET) as view:
+        status, text, _ = ask(view)
+        assert status == 401
+        assert '<input id="token"' in text
+        assert ask(view, "page.js")[0] == ask(view, "live", headers=UPGRADE)[0] == 401
+        assert ask(view, "page.css")[0] == 200
+        assert ask(view, headers={"Authorization": f"Bearer {SECRET}"})[0] == 200
+        assert ask(view, headers={"Authorization": "Bearer wrong"})[0] == 401
+        assert ask(view, "?token=wrong")[0] == 401
+
+        async def run() -> None:
+            jar = aiohttp.CookieJar(unsafe=True)
+            async with aiohttp.ClientSession(cookie_jar=jar) as session:
+                async with session.get(view.url, params={"token": SECRET}) as answer:
+                    assert answer.status == 200
+                    assert str(answer.url) == view.url  # the token is gone from the address
+                (cookie,) = jar
+                assert cookie["httponly"]
+                assert cookie["samesite"] == "Lax"
+                async with session.ws_connect(view.url + "live") as viewer:
+                    await news(viewer, "update")
+
+        asyncio.run(run())
+        assert view.counts()["denied"] == 1
+
+
+def test_tokens_cannot_be_guessed_in_a_row_nor_requests_made_without_end() -> None:
+    with Bus() as bus, serving(bus, token=SECRET) as view:
+        answers = [ask(view, "?token=guess")[0] for _ in range(15)]
+        assert answers[: int(web_server.GUESSES_BURST)] == [401] * int(web_server.GUESSES_BURST)
+        assert answers[-1] == 429
+        assert ask(view, "?token=correct+horse")[0] == 429
+
+        async def run() -> list[int]:
+            async with aiohttp.ClientSession() as session:
+                statuses = []
+                for _ in range(1500):
+                    async with session.get(view.url + "icon.svg") as answer:
+                        statuses.append(answer.status)
+                return statuses
+
+        assert {200, 429} == set(asyncio.run(run()))
+        assert view.counts()["too_many"] > 0
+
+
+def test_there_is_an_end_to_the_number_of_viewers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(web_server, "MOST_VIEWERS", 1)
+    with Bus() as bus, serving(bus) as view:
+
+        async def talk(viewer: aiohttp.ClientWebSocketResponse) -> None:
+            await news(viewer, "update")
+            async with (
+                aiohttp.ClientSession() as session,
+                session.get(view.url + "live", headers=UPGRADE) as answer,
+            ):
+                assert answer.status == 503
+
+        converse(view, talk)
+
+
+def test_the_end_is_told_to_viewers_even_those_that_do_not_listen() -> None:
+    with Bus() as bus:
+        view = WebView(view_plan(), bus, Injections())
+        port = int(view.url.rstrip("/").rpartition(":")[2])
+        head = "".join(f"{name}: {value}\r\n" for name, value in UPGRADE.items())
+        with socket.create_connection(("127.0.0.1", port)) as deaf:
+            deaf.sendall(f"GET /live HTTP/1.1\r\nHost: 127.0.0.1\r\n{head}\r\n".encode())
+            until(lambda: view.counts()["viewers"] == 1)
+
+            async def talk(viewer: aiohttp.ClientWebSocketResponse) -> None:
+                await news(viewer, "update")
+                closer = Thread(target=view.close)
+                closer.start()
+                async with asyncio.timeout(30):
+                    while (await viewer.receive()).type != aiohttp.WSMsgType.CLOSE:
+                        pass
+                assert viewer.close_code == aiohttp.WSCloseCode.GOING_AWAY
+                await asyncio.to_thread(closer.join)
+
+            converse(view, talk)
+        with pytest.raises(OSError, match="refused"):
+            socket.create_connection(("127.0.0.1", port)).close()
+
+
+def test_a_port_in_use_is_one_line() -> None:
+    with Bus() as bus, serving(bus) as view:
+        port = int(view.url.rstrip("/").rpartition(":")[2])
+        with pytest.raises(InputError, match=rf"127\.0\.0\.1:{port}: address already in use"):
+            WebView(view_plan(port=port), bus, Injections())
+
+
+def test_an_address_of_another_computer_is_one_line() -> None:
+    with Bus() as bus, pytest.raises(InputError, match=r"192\.0\.2\.1:0"):
+        WebView(view_plan(host="192.0.2.1", token=SECRET), bus, Injections())
+
+
+def test_without_aiohttp_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("node.bus.web_broadcast", "node.bus.web_server"):
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "aiohttp", None)
+    with Bus() as bus, pytest.raises(MissingExtra, match=r"pip install 'murk\[view\]'"):
+        WebView(view_plan(), bus, Injections())
+
+
+def test_ten_viewers_cost_the_pipeline_no_message() -> None:
+    content = {
+        "sensors": SENSORS[:1],
+        "injections": [{"sensor": "radar", "kind": "snr", "level": 0}],
+        "duration_s": 1.5,
+        "clock": {"speed": 0.5},
+        "outputs": {"view": {"port": 0}},
+    }
+    with Bus() as bus:
+        pipeline = Pipeline(plan(check_scene(content, "test")), bus)
+        view = WebView(pipeline.plan, bus, pipeline.set_injection)
+
+        async def watch() -> None:
+            async with aiohttp.ClientSession() as session:
+                viewers = [await session.ws_connect(view.url + "live") for _ in range(10)]
+                running = asyncio.create_task(asyncio.to_thread(lambda: list(pipeline.run())))
+                request = {"id": 1, "sensor": "radar", "kind": "snr", "level": 80}
+                await viewers[0].send_json(request)
+                assert (await news(viewers[0], "answer"))["ok"]
+                while not running.done():
+                    for viewer in viewers:
+                        record = await news(viewer, "update")
+                assert record["sensors"]["radar"]["injected"] == {"snr": 80}
+                await running
+
+        asyncio.run(watch())
+        view.close()
+        counts = pipeline.summary()["sensors"]["radar"]
+        assert counts["estimated"] == counts["received"] > 15
+        assert counts["dropped_by_queue"] == 0
+        assert view.counts()["viewers"] == 10
+
+
+def test_the_scene_says_which_sensors_have_buttons() -> None:
+    with Bus() as bus:
+        scene = Feed(view_plan(), bus).full(0)["scene"]
+    assert NOISE["kind"] in scene["sensors"][1]["kinds"]
+    assert scene["sensors"][0]["kinds"] == []
