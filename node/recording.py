@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _SUFFIX = ".mcap"
 _SCAN = "sensor_msgs/msg/PointCloud2"
+_INFOS = ("murk_msgs/msg/RadarScanInfo", "murk_msgs/msg/FrameInfo")
 _IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
 
 
@@ -39,9 +40,15 @@ def sensor_topics(recording: McapRecording) -> dict[str, SensorType]:
     for topic, type_name in recording.topics.items():
         if type_name in _IMAGES:
             topics[topic] = "camera"
-        elif type_name == _SCAN and f"{topic}_info" in recording.topics:
+        elif type_name == _SCAN and info_topic(recording, topic) is not None:
             topics[topic] = "radar"
     return topics
+
+
+def info_topic(recording: McapRecording, topic: str) -> str | None:
+    """Return the topic of what murk recorded beside a topic's scans or frames; None: it did not."""
+    beside = topic.removesuffix("/compressed") + "_info"
+    return beside if recording.topics.get(beside) in _INFOS else None
 
 
 def read_recording(path: Path) -> dict[str, Any]:
@@ -138,14 +145,14 @@ class RecordingSource:
         from node.bus.messages import from_ros, typestore
 
         store = typestore()
-        info_topic = f"{self._topic}_info"
+        beside = info_topic(self._recording, self._topic)
         info: bytes | None = None
         sequence = 0
-        for entry in self._recording.entries({self._topic, info_topic, self._level_topic}):
+        for entry in self._recording.entries({self._topic, self._level_topic, beside or ""}):
             try:
-                if entry.topic == info_topic:
+                if entry.topic == beside:
                     info = entry.cdr
-                elif entry.topic == self._topic and info is None:
+                elif entry.topic == self._topic and beside is None:
                     yield _foreign_frame(entry, sequence, store)
                     sequence += 1
                 else:
