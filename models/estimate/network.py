@@ -65,7 +65,7 @@ class Network:
         version: int,
         inputs: Mapping[str, tuple[int | None, ...]],
     ) -> None:
-        self._session = _open(path)
+        self._session = open_session(path)
         metadata = self._session.get_modelmeta().custom_metadata_map
         if metadata.get("murk.model") != model:
             found = metadata.get("murk.model")
@@ -98,7 +98,14 @@ def softmax(logits: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.asarray(exponential / exponential.sum(axis=-1, keepdims=True))
 
 
-def _open(path: Path) -> ort.InferenceSession:
+def open_session(path: Path) -> ort.InferenceSession:
+    """Open an ONNX file on one thread that never spins.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read or is no ONNX file.
+    """
     try:
         content = path.read_bytes()
     except OSError as error:

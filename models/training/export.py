@@ -19,20 +19,23 @@ def export(
     *,
     model: str,
     version: int,
-    kinds: tuple[str, ...],
+    kinds: tuple[str, ...] = (),
+    outputs: tuple[str, ...] = ("level", "kind"),
 ) -> None:
     """Write a network with the metadata that murk asks for.
 
     Parameters
     ----------
     network:
-        Returns logits of level (1, 11) and of kind (1, number of kinds).
+        Returns logits of level (1, 11) and of kind (1, number of kinds), or what ``outputs`` names.
     example:
         An input by name, in the order of the network's arguments; its shapes are the file's.
     output:
         The ONNX file; its folder is made if need be.
     model, version, kinds:
         See ``models.estimate.network``.
+    outputs:
+        Names of what the network returns.
     """
     # The exporter reports, as warnings, the parts of PyTorch that are not installed.
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
@@ -42,7 +45,7 @@ def export(
             network.eval(),
             tuple(example.values()),
             input_names=list(example),
-            output_names=["level", "kind"],
+            output_names=list(outputs),
             dynamo=True,
             verbose=False,
         )
