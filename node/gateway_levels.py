@@ -38,7 +38,7 @@ class GatewayLevels:
     ) -> None:
         self.injector = Injector(sensor, injections, seed)
         self._sensor = sensor
-        self._schedule = {fault.kind: fault for fault in faults}
+        self._schedule = {fault.kind: fault.schedule(seed) for fault in faults}
         self._set: dict[str, float] = {}
         self._lock = Lock()
 

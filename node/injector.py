@@ -28,8 +28,10 @@ class Injector:
     """
 
     def __init__(self, sensor: Sensor, injections: Iterable[Injection], seed: int) -> None:
+        injections = tuple(injections)
         self._sensor = sensor
-        self._schedule = {injection.kind: injection for injection in injections}
+        self._schedule = {injection.kind: injection.schedule(seed) for injection in injections}
+        self._options = {injection.kind: injection.options for injection in injections}
         self._seed = seed
         self._set: dict[str, float] = {}
         self._lock = Lock()
@@ -56,7 +58,7 @@ class Injector:
 
     def levels_at(self, t_s: float) -> dict[str, float]:
         """Return the levels (%) above 0 in force ``t_s`` seconds after the first message."""
-        levels = {kind: injection.level_at(t_s) for kind, injection in self._schedule.items()}
+        levels = {kind: schedule.level_at(t_s) for kind, schedule in self._schedule.items()}
         with self._lock:
             levels |= self._set
         return {kind: level for kind, level in levels.items() if level > 0}
@@ -73,7 +75,8 @@ class Injector:
         data = message.image if isinstance(message, Frame) else message
         for kind, level in levels.items():
             module = module_of(self._sensor.type, kind)
-            data = module.apply(module.draw(kind, level, key), data)
+            drawn = module.draw(kind, level, key, **self._options.get(kind, {}))
+            data = module.apply(drawn, data)
         if not levels:
             return message, None
         return (replace(message, image=data) if isinstance(message, Frame) else data), levels

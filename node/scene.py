@@ -6,12 +6,12 @@ field that is wrong.
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-import numpy as np
 from pydantic import (
     BaseModel,
     ConfigDict,
@@ -22,7 +22,9 @@ from pydantic import (
 )
 
 from dbc.errors import SceneError
-from models.degrade.kinds import KINDS
+from models.degrade.draw import DrawKey
+from models.degrade.kinds import KINDS, OPTIONS
+from models.degrade.sequence import Burst, Constant, Ramp, RandomWalk, Schedule, Step
 from node.camera_faults import CAMERA_FAULTS
 from node.link_faults import LINK_FAULTS
 from node.recording import is_recording, split_source
@@ -36,7 +38,8 @@ FAULTS: dict[str, tuple[str, ...]] = {"camera": CAMERA_FAULTS, "radar": LINK_FAU
 """Faults that a gateway can make, by sensor type."""
 
 Level = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
-Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Seconds = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
+_ANY_LEVEL = (0.0, 100.0)
 
 
 class _Strict(BaseModel):
@@ -78,40 +81,91 @@ class Sensor(_Strict):
     pixel_format: Literal["MJPG", "YUYV"] | None = None
 
 
+_SCHEDULES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "step": ((), ("level", "points")),
+    "ramp": ((), ("level", "points")),
+    "walk": (("level", "spread"), ("bounds",)),
+    "burst": (("level", "duration_s", "period_s"), ("rest",)),
+}
+"""Fields of a schedule by shape: those that it needs, and those that it may have."""
+
+
 class Injection(_Strict):
-    """A degradation of one sensor over time.
+    """A degradation of one sensor over time, counted from the sensor's first message.
 
     Either ``level`` (%, constant) or ``points``, pairs of seconds and level (%): before the first
     point the level is 0; between points it holds (``shape = "step"``) or goes straight from one
-    to the next (``"ramp"``); after the last it stays.
+    to the next (``"ramp"``); after the last it stays. A ``"walk"`` starts at ``level`` and walks
+    at random between ``bounds``, by ``spread`` (%, standard deviation) in a second. A ``"burst"``
+    is ``level`` for ``duration_s`` at the start of every ``period_s``, else ``rest``.
+
+    ``horizon`` is the share of the image above it, for weather; ``ghost_life`` the number of scans
+    in which the same ghosts appear.
     """
 
     sensor: str
     kind: str
     level: Level | None = None
     points: Annotated[tuple[tuple[Seconds, Level], ...], Field(min_length=1)] | None = None
-    shape: Literal["step", "ramp"] = "step"
+    shape: Literal["step", "ramp", "walk", "burst"] = "step"
+    spread: Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)] | None = None
+    bounds: tuple[Level, Level] | None = None
+    duration_s: Annotated[float, Field(ge=1e-9, le=1e12, allow_inf_nan=False)] | None = None
+    period_s: Annotated[float, Field(ge=1e-9, le=1e12, allow_inf_nan=False)] | None = None
+    rest: Level | None = None
+    horizon: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] | None = None
+    ghost_life: PositiveInt | None = None
 
     @model_validator(mode="after")
-    def _one_schedule_in_order(self) -> Self:
-        if (self.level is None) == (self.points is None):
+    def _one_schedule(self) -> Self:
+        needed, allowed = _SCHEDULES[self.shape]
+        if not needed and (self.level is None) == (self.points is None):
             raise ValueError("give either 'level' or 'points'")
+        for name in needed:
+            if getattr(self, name) is None:
+                raise ValueError(f"shape '{self.shape}' needs '{name}'")
+        every = ("level", "points", "spread", "bounds", "duration_s", "period_s", "rest")
+        for name in every:
+            if getattr(self, name) is not None and name not in needed + allowed:
+                raise ValueError(f"'{name}' is not of shape '{self.shape}'")
+        return self
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
         times = [t for t, _ in self.points or ()]
         if times != sorted(times):
             raise ValueError("the times of 'points' must not decrease")
+        if self.shape == "walk":
+            low, high = self.bounds or _ANY_LEVEL
+            if low >= high:
+                raise ValueError("the first of 'bounds' must be below the second")
+            if not low <= (self.level or 0.0) <= high:
+                raise ValueError("'level' must lie within 'bounds'")
+        if (self.duration_s or 0.0) > (self.period_s or math.inf):
+            raise ValueError("'duration_s' must not be longer than 'period_s'")
+        for name in self.options:
+            if self.kind not in OPTIONS[name]:
+                raise ValueError(f"'{name}' is not of kind '{self.kind}'")
         return self
 
-    def level_at(self, t_s: float) -> float:
-        """Return the level (%) at ``t_s`` seconds after the sensor's first message."""
+    @property
+    def options(self) -> dict[str, float]:
+        """What else the kind's ``draw`` is given."""
+        every = {"horizon": self.horizon, "ghost_life": self.ghost_life}
+        return {name: value for name, value in every.items() if value is not None}
+
+    def schedule(self, seed: int) -> Schedule:
+        """Return the level over time; a walk depends on the run's seed, the sensor and the kind."""
+        level = self.level or 0.0
+        if self.shape == "walk":
+            generator = DrawKey(seed, self.sensor, 0).generator(f"walk of {self.kind}")
+            own_seed = int(generator.bit_generator.random_raw())
+            return RandomWalk(own_seed, level, self.spread or 0.0, *(self.bounds or _ANY_LEVEL))
+        if self.shape == "burst":
+            return Burst(level, self.duration_s or 0.0, self.period_s or 0.0, self.rest or 0.0)
         if self.points is None:
-            return float(self.level or 0.0)
-        times, levels = np.array(self.points).T
-        after = int(np.searchsorted(times, t_s, side="right"))
-        if after == 0:
-            return 0.0
-        if self.shape == "ramp":
-            return float(np.interp(t_s, times, levels))
-        return float(levels[after - 1])
+            return Constant(level)
+        return (Ramp if self.shape == "ramp" else Step)(self.points)
 
 
 class Clock(_Strict):

@@ -30,7 +30,10 @@ KINDS = {
 """Kinds that can be injected, by sensor type: ``camera`` or ``radar``."""
 
 HAZY = ("fog", "rain", "snow")
-"""Kinds that depend on depth: ``draw`` takes ``horizon``, and ``apply`` takes ``depth_m``."""
+"""Kinds that depend on depth: ``apply`` takes ``depth_m``."""
+
+OPTIONS = {"horizon": HAZY, "ghost_life": ("snr", "ghosts")}
+"""What else ``draw`` takes, and of which kinds."""
 
 
 def module_of(sensor_type: str, kind: str) -> ModuleType:

@@ -85,7 +85,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """Straight lines between the points (s, %); constant before the first and after the last."""
+    """Straight lines between the points (s, %); 0 before the first, constant after the last."""
 
     points: tuple[tuple[float, float], ...]
 
@@ -96,7 +96,7 @@ class Ramp:
         """Return the level, %, at a time in s."""
         now = _time(t_s)
         if now < self.points[0][0]:
-            return self.points[0][1]
+            return 0.0
         for (start, first), (end, last) in pairwise(self.points):
             if start <= now < end:
                 share = (now - start) / (end - start)

@@ -38,7 +38,7 @@ def test_levels_are_levels_at_any_time(schedule, t_s):
 def test_steps_and_ramps_pass_through_their_points():
     times = [0, 1, 2, 3, 4, 5, 9]
     assert [Step(POINTS).level_at(t) for t in times] == [0, 20, 20, 10, 10, 30, 30]
-    assert [Ramp(POINTS).level_at(t) for t in times] == [20, 20, 40, 10, 20, 30, 30]
+    assert [Ramp(POINTS).level_at(t) for t in times] == [0, 20, 40, 10, 20, 30, 30]
 
 
 def test_bursts_repeat():
