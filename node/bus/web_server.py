@@ -89,14 +89,13 @@ class PageServer:
 
     def application(self) -> web.Application:
         """Return what an aiohttp runner serves."""
-        application = web.Application(middlewares=[self._guard])
+        application = web.Application(middlewares=[web.middleware(self._guard)])
         application.router.add_get("/", self._page)
         application.router.add_get("/live", self._live)
         for path in self._files:
             application.router.add_get(path, self._file)
         return application
 
-    @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Let a request pass, or say why not."""
         try:
