@@ -66,7 +66,10 @@ def read_recording(path: Path) -> dict[str, Any]:
     if not topics:
         what = "holds no sensor's data to replay"
         raise InputError(path, what, "record with scans or images in [outputs.record]")
-    about = json.loads(recording.about.get("scene", "{}"))
+    try:
+        about = json.loads(recording.about.get("scene", "{}"))
+    except ValueError:
+        raise InputError(path, "is damaged: its scene is not JSON") from None
     return {
         **{key: about[key] for key in ("name", "seed") if key in about},
         "sensors": [

@@ -21,7 +21,16 @@ from node.bus.mcap_writer import METADATA, part_path
 
 log = logging.getLogger("murk.recording")
 
-_DAMAGE = (McapError, struct.error, ValueError, KeyError, RuntimeError, zstandard.ZstdError)
+_DAMAGE = (
+    McapError,
+    struct.error,
+    ValueError,
+    KeyError,
+    RuntimeError,
+    OverflowError,
+    MemoryError,
+    zstandard.ZstdError,
+)
 """What the library lets through where the bytes are not what they should be."""
 
 
@@ -106,7 +115,7 @@ def _about(path: Path) -> dict[str, str]:
 
 def _parts_after(path: Path, about: Mapping[str, str]) -> Iterator[Path]:
     """Yield the files into which the recording was split after this one."""
-    if not about:
+    if not about.get("part", "").isdecimal():
         return
     own = int(about["part"])
     first = path.with_name(path.name.removesuffix(f"_{own}{path.suffix}") + path.suffix)
@@ -114,8 +123,7 @@ def _parts_after(path: Path, about: Mapping[str, str]) -> Iterator[Path]:
         following = part_path(first if own else path, part)
         if not following.exists():
             return
-        other = _about(following)
-        if other.get("recording") != about["recording"]:
+        if _about(following).get("recording") != about.get("recording"):
             return
         yield following
 
@@ -172,7 +180,8 @@ def _entries(path: Path, topics: Collection[str] | None) -> Iterator[Entry]:
         except EndOfFile:
             log.warning("%s was cut off; its first %d messages are read", path, read)
         except _DAMAGE as error:
-            what = f"is damaged after {read} messages: {error}"
+            cause = str(error) or type(error).__name__
+            what = f"is damaged after {read} messages: {cause}"
             raise InputError(path, what, "'mcap recover' saves what follows") from None
 
 
