@@ -16,6 +16,7 @@ from dbc.errors import InputError
 from drivers.frame_sink import PIPE_PREFIX
 from node.control import ControlServer
 from node.gateway_levels import GatewayLevels
+from node.gateway_log import is_candump
 from node.gateway_scene import GatewayScene
 from node.scene import SensorType
 from node.sources import is_can_bus
@@ -30,9 +31,9 @@ CLOSE_S = 10.0
 
 def sensor_type_of(target: str) -> SensorType:
     """Tell by its output what a gateway passes on: a camera's frames or a radar's."""
-    if target == "-" or target.startswith(PIPE_PREFIX) or not is_can_bus(target):
+    if target == "-" or target.startswith(PIPE_PREFIX):
         return "camera"
-    return "radar"
+    return "radar" if is_candump(target) or is_can_bus(target) else "camera"
 
 
 class Gateway:

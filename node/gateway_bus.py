@@ -1,4 +1,4 @@
-"""The gateway between two CAN buses: the clock, the buses and what happens when one goes down."""
+"""The gateway between two CAN buses or logs: the loop, and what happens when a bus goes down."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from drivers.can_bus import BusDown, CanBus, open_bus
 from drivers.can_frames import CanFrames, FrameFlag
 from node.gateway_can import CanGateway
 from node.gateway_levels import GatewayLevels
+from node.gateway_log import Clock, LogSource, LogTarget, SystemClock, is_candump
 from node.gateway_scene import GatewayScene
 from node.gateway_statistics import Latencies
+from node.sources import is_can_bus
 
 log = logging.getLogger("murk.gateway")
 
@@ -42,6 +44,9 @@ class LastingBus:
         Frames given up because it was down.
     """
 
+    ended = False
+    """A bus does not end."""
+
     def __init__(self, spec: str) -> None:
         self.downs = 0
         self.unsent = 0
@@ -57,6 +62,9 @@ class LastingBus:
 
     def read(self, timeout_s: float) -> CanFrames | None:
         """Return the frames that are there, waiting for one; None where none came."""
+        if timeout_s < SHORT_WAIT_S:
+            time.sleep(timeout_s)
+            timeout_s = 0.0
         bus = self._opened()
         if bus is None:
             return None
@@ -116,16 +124,18 @@ class LastingBus:
 
 
 class CanLink:
-    """Runs a ``CanGateway`` from one bus to another.
+    """Runs a ``CanGateway`` from one bus or log to another.
+
+    A log is read with its original timing, but from log to log as fast as possible.
 
     Parameters
     ----------
     scene:
-        The radar, whose source is the bus to read, and what is done to it.
+        The radar, whose source is the bus or log to read, and what is done to it.
     levels:
         What is in force when.
     target:
-        The bus to send to.
+        The bus to send to, or the candump log to write.
     stop:
         Ends the run.
     both_ways:
@@ -135,8 +145,8 @@ class CanLink:
 
     Raises
     ------
-    DeviceError
-        If a bus cannot be opened.
+    DeviceError, LogError
+        If a bus cannot be opened, a log not be read or written.
     InputError
         If both are the same, or one would hear the gateway itself.
     """
@@ -153,34 +163,45 @@ class CanLink:
     ) -> None:
         source = scene.sensor.source
         if source == target:
-            raise InputError(target, "is input and output", "give two buses")
-        for bus in (source, target):
-            if both_ways and bus.startswith(_HEARS_ITSELF):
-                remedy = "leave --both-ways out, or give another kind of bus"
-                raise InputError(bus, "hears what it sends, so it cannot be read as well", remedy)
+            raise InputError(target, "is input and output", "give two of them")
+        if both_ways:
+            _refuse_one_way(source, target)
         self._core = CanGateway(scene.sensor, levels, scene.seed, low_latency=low_latency)
         self._duration_s = scene.duration_s
         self._both_ways = both_ways
         self._stop = stop
         self._counts: Counter[str] = Counter()
         self._latencies = Latencies()
-        self._source = LastingBus(source)
+        self._clock: Clock = SystemClock()
+        self._source: LastingBus | LogSource
+        if is_can_bus(source):
+            self._source = LastingBus(source)
+        else:
+            self._source = LogSource(source, fast=is_candump(target))
+            self._clock = self._source.clock
+        self._target: LastingBus | LogTarget
         try:
-            self._target = LastingBus(target)
+            if is_candump(target):
+                self._target = LogTarget(target, self._clock)
+            else:
+                self._target = LastingBus(target)
         except BaseException:
             self._source.close()
             raise
 
     def run(self) -> None:
         """Pass frames on until the run is stopped and the scan in flight is over; then close."""
-        way_back = Thread(target=self._pass_back, name="murk-way-back", daemon=True)
-        if self._both_ways:
+        source, target = self._source, self._target
+        way_back: Thread | None = None
+        if self._both_ways and isinstance(source, LastingBus) and isinstance(target, LastingBus):
+            way_back = Thread(target=self._pass_back, args=(target, source), name="murk-way-back")
+            way_back.daemon = True
             way_back.start()
         try:
             self._pass_on()
         finally:
             self._stop.set()
-            if self._both_ways:
+            if way_back is not None:
                 way_back.join()
             self.close()
 
@@ -188,7 +209,7 @@ class CanLink:
         """Do nothing: no read lasts longer than ``STOP_CHECK_S``."""
 
     def close(self) -> None:
-        """Close both buses."""
+        """Close both sides."""
         self._source.close()
         self._target.close()
 
@@ -206,41 +227,48 @@ class CanLink:
 
     def _pass_on(self) -> None:
         core = self._core
-        started_s = time.monotonic()
+        started_ns = self._clock.now_ns()
         while not (self._stop.is_set() and core.finished):
             frames = self._read(core.next_due_ns())
-            now_ns = time.monotonic_ns()
+            now_ns = self._clock.now_ns()
             if frames is not None:
                 core.feed(frames, now_ns)
             due = core.due(now_ns)
             if due is not None and self._target.send(due):
                 self._counts["frames_out"] += len(due)
-                self._latencies.add((time.time_ns() - due.stamp_ns).tolist())
-            over = self._duration_s is not None and now_ns * 1e-9 - started_s >= self._duration_s
-            if over or self._stop.is_set():
+                self._latencies.add((self._clock.stamp_ns() - due.stamp_ns).tolist())
+            over = self._duration_s is not None and now_ns - started_ns >= self._duration_s * 1e9
+            if over or self._source.ended or self._stop.is_set():
                 self._stop.set()
                 core.finish()
 
     def _read(self, until_ns: int | None) -> CanFrames | None:
-        """Return the frames that come before ``until_ns``, without error frames."""
+        """Return the frames that come before ``until_ns``, without errors that cannot be sent."""
         wait_s = STOP_CHECK_S
         if until_ns is not None:
-            wait_s = min(wait_s, max(0.0, until_ns * 1e-9 - time.monotonic()))
-        if wait_s < SHORT_WAIT_S:
-            time.sleep(wait_s)
-            wait_s = 0.0
+            wait_s = min(wait_s, max(0.0, (until_ns - self._clock.now_ns()) * 1e-9))
         frames = self._source.read(wait_s)
         if frames is None:
             return None
         self._counts["frames_in"] += len(frames)
         errors = (frames.flags & FrameFlag.ERROR) != 0
-        if not errors.any():
+        if not errors.any() or isinstance(self._target, LogTarget):
             return frames
         self._counts["error_frames"] += int(errors.sum())
         return frames.select(~errors) if not errors.all() else None
 
-    def _pass_back(self) -> None:
+    def _pass_back(self, target: LastingBus, source: LastingBus) -> None:
         while not self._stop.is_set():
-            frames = self._target.read(STOP_CHECK_S)
-            if frames is not None and self._source.send(frames):
+            frames = target.read(STOP_CHECK_S)
+            if frames is not None and source.send(frames):
                 self._counts["frames_back"] += len(frames)
+
+
+def _refuse_one_way(source: str, target: str) -> None:
+    """Raise ``InputError`` where frames cannot go both ways."""
+    remedy = "leave --both-ways out, or give another kind of bus"
+    for side in (source, target):
+        if not is_can_bus(side):
+            raise InputError(side, "is a log, which only goes one way", remedy)
+        if side.startswith(_HEARS_ITSELF):
+            raise InputError(side, "hears what it sends, so it cannot be read as well", remedy)
