@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from dbc.errors import MurkError, VideoError
 
 PIPE_PREFIX = "pipe:"
+VIDEO_FILES = (".mp4", ".mkv")
 LAST_FRAME_S = 1.0
 """How long the frame in hand may still take once the sink is to stop."""
 WAIT_S = 0.05
@@ -82,8 +83,9 @@ def open_frame_sink(spec: str, stop: Event) -> FrameSink:
     Parameters
     ----------
     spec:
-        A video file (``x.mp4``), ``-`` for standard output or ``pipe:PATH`` for a named pipe, both
-        with raw BGR frames one after the other, or a V4L2 output device (``/dev/video2``).
+        A video file (``x.mp4``, ``x.mkv``), ``-`` for standard output or ``pipe:PATH`` for a named
+        pipe, both with raw BGR frames one after the other, or a V4L2 output device
+        (``/dev/video2``).
     stop:
         Once it is set, a writer that waits for the other side gives up.
 
@@ -102,9 +104,11 @@ def open_frame_sink(spec: str, stop: Event) -> FrameSink:
         from drivers.v4l2_output import V4L2Output
 
         return V4L2Output(Path(spec), stop)
-    if Path(spec).suffix.lower() == ".mp4":
+    if Path(spec).suffix.lower() in VIDEO_FILES:
         return FileSink(Path(spec))
-    raise VideoError(spec, "is no output for frames", "give x.mp4, -, pipe:PATH or /dev/videoN")
+    raise VideoError(
+        spec, "is no output for frames", "give x.mp4, x.mkv, -, pipe:PATH or /dev/videoN"
+    )
 
 
 class FileSink(FrameSink):
@@ -113,9 +117,10 @@ class FileSink(FrameSink):
     live = False
 
     def __init__(self, path: Path) -> None:
-        from drivers.video_writer import VideoWriter
+        from drivers.video_writer import TICK_NS, VideoWriter
 
         self._writer = VideoWriter(path)
+        self._tick_ns = TICK_NS[path.suffix.lower()]
         self._first_ns: int | None = None
         self._last_ns = -1
 
@@ -123,7 +128,7 @@ class FileSink(FrameSink):
         """Append a frame; see ``FrameSink``."""
         if self._first_ns is None:
             self._first_ns = stamp_ns
-        shown_ns = max(stamp_ns - self._first_ns, self._last_ns + 1000)  # the file's resolution
+        shown_ns = max(stamp_ns - self._first_ns, self._last_ns + self._tick_ns)
         self._writer.write(image, shown_ns)
         self._last_ns = shown_ns
 

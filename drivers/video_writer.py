@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from dbc.errors import VideoError
 
-TIME_BASE = Fraction(1, 1_000_000)
-"""Stamps are kept to the microsecond: finer, and MP4 cannot hold a gap of five seconds."""
+TICK_NS = {".mp4": 1_000, ".mkv": 1_000_000}
+"""To what stamps are kept, by suffix: finer, and MP4 cannot hold a gap of five seconds; Matroska
+is written to the millisecond."""
+_FORMATS = {".mp4": "mp4", ".mkv": "matroska"}
 
 QUALITY = "18"
 """x264's constant rate factor: near the eye's limit, so that noise is kept."""
@@ -26,14 +28,15 @@ NOMINAL_RATE = 25
 
 
 class VideoWriter:
-    """Write an MP4 file (H.264); the file appears under its name only when it is complete.
+    """Write an MP4 or Matroska file (H.264), which appears under its name once it is complete.
 
     Use it as a context manager: leaving it by an exception leaves no file.
 
     Parameters
     ----------
     path:
-        Where the file is to be; an older file there is replaced.
+        Where the file is to be; an older file there is replaced. Matroska where it ends in
+        ``.mkv``.
     lossless:
         Keep every pixel to the bit (H.264 in RGB, several times larger).
     threads:
@@ -57,7 +60,10 @@ class VideoWriter:
             self._unfinished.touch()
         except OSError as error:
             raise self._failure(error) from error
-        self._container = av.open(str(self._unfinished.absolute()), "w", format="mp4")
+        suffix = path.suffix.lower()
+        self._tick_ns = TICK_NS.get(suffix, TICK_NS[".mp4"])
+        container_format = _FORMATS.get(suffix, "mp4")
+        self._container = av.open(str(self._unfinished.absolute()), "w", format=container_format)
 
     def write(self, image: NDArray[np.uint8], stamp_ns: int) -> None:
         """Append a frame.
@@ -67,7 +73,7 @@ class VideoWriter:
         image:
             (height, width, 3) uint8, BGR; the first frame sets the size.
         stamp_ns:
-            Nanoseconds; later than the frame before it by at least a microsecond.
+            Nanoseconds; later than the frame before it by at least ``TICK_NS``.
 
         Raises
         ------
@@ -80,12 +86,12 @@ class VideoWriter:
         if (width, height) != (self._stream.width, self._stream.height):
             size = f"{self._stream.width}x{self._stream.height}"
             raise VideoError(self.path, f"a frame is {width}x{height}", f"expected {size}")
-        pts = stamp_ns // 1000
+        pts = stamp_ns // self._tick_ns
         if self._last_pts is not None and pts <= self._last_pts:
             raise VideoError(self.path, f"stamp {stamp_ns} ns is not after the one before it")
         self._last_pts = pts
         frame = VideoFrame.from_ndarray(np.ascontiguousarray(image), format="bgr24")
-        frame.pts, frame.time_base = pts, TIME_BASE
+        frame.pts, frame.time_base = pts, self._time_base
         self._encode(self._stream, frame)
 
     def close(self) -> None:
@@ -129,6 +135,10 @@ class VideoWriter:
         else:
             self.discard()
 
+    @property
+    def _time_base(self) -> Fraction:
+        return Fraction(self._tick_ns, 10**9)
+
     def _add_stream(self, width: int, height: int) -> VideoStream:
         codec = "libx264rgb" if self._lossless else "libx264"
         options = {"qp": "0"} if self._lossless else {"crf": QUALITY}
@@ -141,7 +151,7 @@ class VideoWriter:
             stream.pix_fmt = "yuv420p" if width % 2 == height % 2 == 0 else "yuv444p"
         stream.width, stream.height = width, height
         stream.codec_context.thread_count = self._threads
-        stream.codec_context.time_base = TIME_BASE
+        stream.codec_context.time_base = self._time_base
         return stream
 
     def _encode(self, stream: VideoStream, frame: VideoFrame | None) -> None:

@@ -59,10 +59,11 @@ def gateway(
     """Stand between a sensor and the unit under test, and make the sensor worse.
 
     IN and OUT are CAN buses (can0 can1, virtual:a virtual:b): every frame
-    passes untouched, but the cluster scans of the radar are degraded.
+    passes untouched, but the cluster scans of the radar are degraded. Each of
+    them may also be a CAN log; from log to log it goes as fast as possible.
 
     Or IN is a camera (/dev/video0, a video, images, 'world') and OUT a video
-    (x.mp4), raw BGR frames ('-', pipe:PATH) or a V4L2 output (/dev/video2).
+    (x.mp4, x.mkv), raw BGR frames ('-', pipe:PATH) or a V4L2 output.
 
     SCENE is a scene file; IN takes the place of its sources. Faults of CAN are
     drop, delay, duplicate, reorder, corrupt, freeze, stuck, silence, babble;

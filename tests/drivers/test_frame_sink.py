@@ -22,15 +22,16 @@ def image(number: int) -> NDArray[np.uint8]:
     return np.full(SIZE, 20 + 10 * number, np.uint8)
 
 
-def test_a_video_file_shows_each_frame_at_its_stamp(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["x.mp4", "x.mkv"])
+def test_a_video_file_shows_each_frame_at_its_stamp(tmp_path: Path, name: str) -> None:
     stamps_ns = [5_000_000_000, 5_040_000_000, 5_240_000_000, 5_240_000_000, 5_280_000_000]
-    with open_frame_sink(str(tmp_path / "x.mp4"), Event()) as sink:
+    with open_frame_sink(str(tmp_path / name), Event()) as sink:
         for number, stamp_ns in enumerate(stamps_ns):
             sink.write(image(number), stamp_ns)
-    with open_camera_source(tmp_path / "x.mp4", "camera") as source:
+    with open_camera_source(tmp_path / name, "camera") as source:
         frames = list(source)
     shown_ms = [frame.stamp_ns / 1e6 for frame in frames]
-    np.testing.assert_allclose(shown_ms, [0, 40, 240, 240, 280], atol=0.01)
+    np.testing.assert_allclose(shown_ms, [0, 40, 240, 240, 280], atol=1)
     assert abs(float(frames[2].image.mean()) - 40) < 5
 
 

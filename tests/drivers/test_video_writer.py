@@ -29,6 +29,18 @@ def test_lossless_frames_come_back_to_the_bit_with_their_stamps(tmp_path: Path) 
         assert np.array_equal(frame.image, noise(index))
 
 
+def test_matroska_keeps_every_pixel_and_stamps_to_the_millisecond(tmp_path: Path) -> None:
+    path = tmp_path / "a.mkv"
+    with VideoWriter(path, lossless=True) as writer:
+        for index, stamp in enumerate(STAMPS):
+            writer.write(noise(index), stamp)
+    assert path.read_bytes()[:4] == bytes.fromhex("1A45DFA3")
+    with open_video(path, "camera") as video:
+        frames = list(video)
+    assert [frame.stamp_ns for frame in frames] == [stamp // 10**6 * 10**6 for stamp in STAMPS]
+    assert all(np.array_equal(frame.image, noise(k)) for k, frame in enumerate(frames))
+
+
 @pytest.mark.parametrize("size", [(48, 64), (47, 63), (1, 1)])
 def test_frames_of_any_size_come_back_alike(tmp_path: Path, size: tuple[int, int]) -> None:
     path = tmp_path / "a.mp4"
