@@ -42,7 +42,7 @@ class SensorEvent:
 class Health:
     """State of one sensor, from when its messages come. Times are of the monotonic clock, s.
 
-    The cycle is learned as a running mean of the intervals between messages.
+    The cycle is learned as a running mean of the intervals between the stamps of messages.
     """
 
     def __init__(self, sensor: str, now_s: float) -> None:
@@ -50,25 +50,38 @@ class Health:
         self._sensor = sensor
         self._start_s = now_s
         self._last_s: float | None = None
+        self._stamp_ns: int | None = None
         self._cycle_s: float | None = None
         self._told = False
         self._lock = Lock()
 
-    def seen(self, now_s: float) -> SensorEvent | None:
-        """Take in a message; return an event where it ends a silence, noticed before or not."""
+    def seen(self, now_s: float, stamp_ns: int) -> SensorEvent | None:
+        """Take in a message; return an event where it ends a silence, noticed before or not.
+
+        Parameters
+        ----------
+        stamp_ns:
+            When the sensor took it: that teaches the cycle, whenever it is read.
+        """
         with self._lock:
-            before, silent_since = self.state, self._last_s
-            silence_s = now_s - (self._start_s if silent_since is None else silent_since)
-            was_silent = before != "ok" or self._is_too_long(silence_s)
-            if not was_silent:
-                cycle_s = silence_s if self._cycle_s is None else self._cycle_s
-                self._cycle_s = cycle_s + 0.1 * (silence_s - cycle_s)
-            self.state, self._last_s = "ok", now_s
-        if not was_silent:
-            return None
+            before = self.state
+            silence_s = now_s - (self._start_s if self._last_s is None else self._last_s)
+            if self._stamp_ns is not None:
+                self._learn((stamp_ns - self._stamp_ns) * 1e-9)
+            self.state, self._last_s, self._stamp_ns = "ok", now_s, stamp_ns
         if before == "never_seen":
             return self._event(f"first message after {silence_s:.2f} s")
+        if before == "ok" and not self._is_too_long(silence_s):
+            return None
         return self._event(f"back after {silence_s:.2f} s")
+
+    def _learn(self, interval_s: float) -> None:
+        """Take in the time from one message to the next; a gap counts as three cycles at most."""
+        if self._cycle_s is None:
+            self._cycle_s = interval_s if interval_s > 0 else None
+        else:
+            interval_s = min(max(interval_s, 0.0), SILENT_CYCLES * self._cycle_s)
+            self._cycle_s += 0.1 * (interval_s - self._cycle_s)
 
     def lost(self, detail: str) -> SensorEvent | None:
         """Take in that the bus or device is down; return an event where that is news."""

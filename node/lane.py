@@ -128,7 +128,7 @@ class Lane:
             over = self._duration_ns is not None and t_ns >= self._duration_ns
             if over or pace.stopped_before(t_ns, stop):
                 return
-            self._tell(self.health.seen(monotonic()))
+            self._tell(self.health.seen(monotonic(), message.stamp_ns))
             self.statistics.receive(message)
             if not self.active:
                 self.statistics.left_aside += 1
