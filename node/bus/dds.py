@@ -72,20 +72,23 @@ def domain_id(wanted: int | None) -> int:
     Raises
     ------
     InputError
-        If ``ROS_DOMAIN_ID`` is no domain.
+        If that is no domain.
     """
+    expected = f"expected an integer from 0 to {MAX_DOMAIN}"
     if wanted is not None:
+        if not 0 <= wanted <= MAX_DOMAIN:
+            raise InputError(f"DDS domain {wanted}", "does not exist", expected)
         return wanted
     text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
     if not (text.isascii() and text.isdigit()) or int(text) > MAX_DOMAIN:
-        what = f"'{text}' is no DDS domain"
-        raise InputError("ROS_DOMAIN_ID", what, f"expected an integer from 0 to {MAX_DOMAIN}")
+        raise InputError("ROS_DOMAIN_ID", f"'{text}' is no DDS domain", expected)
     return int(text)
 
 
 def ros_name(namespace: str, topic: str) -> str:
     """Return a topic's full name in ROS."""
-    return "/".join(["", *namespace.strip("/").split("/"), *topic.split("/")]).replace("//", "/")
+    parts = f"{namespace}/{topic}".split("/")
+    return "/" + "/".join(part for part in parts if part)
 
 
 def node_name(scene: str) -> str:

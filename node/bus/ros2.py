@@ -83,8 +83,7 @@ class Ros2Output:
 
     def counts(self) -> dict[str, Any]:
         """Return the domain, and what was sent, dropped, refused and met there."""
-        publications = [one for carrier in self._carriers for one in carrier.publications]
-        publications += [self._diagnostics.publication, self._transitions.publication]
+        publications = self._all()
         late = [carrier.dropped for carrier in self._carriers]
         return {
             "domain": self._domain,
@@ -96,6 +95,10 @@ class Ros2Output:
             "rivals": self._rivals.seen,
         }
 
+    def readers(self, topic: str) -> int:
+        """Return how many readers a topic has; both by the topic's full name in ROS."""
+        return sum(one.readers() for one in self._all() if one.topic == topic)
+
     def close(self) -> None:
         """Send on what is queued, and leave the domain."""
         for carrier in self._carriers:
@@ -105,6 +108,10 @@ class Ros2Output:
         self._requests.close()
         self._rivals.close()
         self._participant.close()
+
+    def _all(self) -> list[Publication]:
+        publications = [one for carrier in self._carriers for one in carrier.publications]
+        return [*publications, self._diagnostics.publication, self._transitions.publication]
 
     def _open(
         self, topics: Iterable[Carried], name: Callable[[str], str]

@@ -30,6 +30,8 @@ class Publication:
 
     Attributes
     ----------
+    topic:
+        Its name in ROS.
     sent, dropped, failed:
         Messages that were written, that a reader kept waiting for too long, and that could not be
         serialised.
@@ -44,7 +46,7 @@ class Publication:
         serialize: Callable[[Any], RosMessage],
     ) -> None:
         self.sent = self.dropped = self.failed = 0
-        self._topic = topic
+        self.topic = topic
         self._open = partial(participant.writer, topic, type_name, qos)
         self._serialize = serialize
         self._latched = qos is LATCHED
@@ -69,6 +71,10 @@ class Publication:
             self._writer = self._open()
             self._written, self._waits = False, True
 
+    def readers(self) -> int:
+        """Return how many readers there are now."""
+        return self._writer.matched()
+
     def close(self) -> None:
         """Withdraw the topic."""
         self._writer.close()
@@ -80,7 +86,7 @@ class Publication:
         except Exception:
             self.failed += 1
             if self.failed == 1:
-                log.exception("a message on %s failed; further failures are counted", self._topic)
+                log.exception("a message on %s failed; further failures are counted", self.topic)
         else:
             self.sent += in_time
             self.dropped += not in_time
