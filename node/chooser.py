@@ -77,7 +77,7 @@ class Chooser:
         if rule.stale_s is not None:
             return self._silence_s(rule.sensor, now_ns) > rule.stale_s
         level = self._levels.get(rule.sensor)
-        return level is not None and rule.holds(level.level, rule in self._held)
+        return level is not None and rule.holds(level, rule in self._held)
 
     def _must_stay(self, rule: Rule | None, now_ns: int) -> bool:
         if self._changed_ns is None or (rule is not None and rule.stale_s is not None):

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from models.estimate.level import CAMERA_KINDS, RADAR_KINDS, NoiseLevel
+
 Name = Annotated[str, Field(pattern=r"^[a-zA-Z][a-zA-Z0-9_]*$")]
 Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 PositiveSeconds = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]
+
+_ESTIMATED = {"camera": CAMERA_KINDS, "radar": RADAR_KINDS}
 
 
 class Rule(BaseModel):
@@ -17,7 +21,8 @@ class Rule(BaseModel):
 
     Exactly one condition: ``above`` holds from that level (%) up, until the level is below it by
     more than ``hysteresis``; ``below`` the other way round; ``stale_s`` holds while the sensor has
-    sent no level for longer than so many seconds, or never.
+    sent no level for longer than so many seconds, or never. A condition on the level may be for
+    some ``kinds`` of noise only: what blinds one model another may hardly notice.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -27,6 +32,7 @@ class Rule(BaseModel):
     above: Percent | None = None
     below: Percent | None = None
     hysteresis: Percent | None = None
+    kinds: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
     stale_s: PositiveSeconds | None = None
 
     @model_validator(mode="after")
@@ -35,8 +41,9 @@ class Rule(BaseModel):
         if sum(condition is not None for condition in conditions) != 1:
             raise ValueError("give one of 'above', 'below' and 'stale_s'")
         if self.stale_s is not None:
-            if self.hysteresis is not None:
-                raise ValueError("'hysteresis' is of a level, not of 'stale_s'")
+            for name in ("hysteresis", "kinds"):
+                if getattr(self, name) is not None:
+                    raise ValueError(f"'{name}' is of a level, not of 'stale_s'")
         elif self.hysteresis is None:
             raise ValueError("give 'hysteresis', the points of level by which the rule holds on")
         elif self.above is not None and self.above - self.hysteresis <= 0:
@@ -45,12 +52,14 @@ class Rule(BaseModel):
             raise ValueError("'below' plus 'hysteresis' must be less than 100: it would never end")
         return self
 
-    def holds(self, level: float, before: bool) -> bool:
-        """Return whether a rule on the level holds at ``level`` (%), having held before or not."""
+    def holds(self, level: NoiseLevel, before: bool) -> bool:
+        """Return whether a rule on the level holds at this one, having held before or not."""
+        if self.kinds is not None and level.kind not in self.kinds:
+            return False
         kept = self.hysteresis if before and self.hysteresis is not None else 0.0
         if self.above is not None:
-            return level >= self.above - kept
-        return self.below is not None and level <= self.below + kept
+            return level.level >= self.above - kept
+        return self.below is not None and level.level <= self.below + kept
 
 
 class Switch(BaseModel):
@@ -90,14 +99,29 @@ class Switch(BaseModel):
         return tuple(dict.fromkeys((self.default, *(rule.model for rule in self.rules))))
 
 
-def check_switches(switches: tuple[Switch, ...], sensors: Iterable[str]) -> None:
-    """Raise ValueError where two switches share a name, or a rule names no sensor of the scene."""
-    names, known = [switch.name for switch in switches], list(sensors)
+def check_switches(switches: tuple[Switch, ...], sensors: Mapping[str, str]) -> None:
+    """Raise ValueError where two switches share a name, or a rule names what there is not.
+
+    Parameters
+    ----------
+    sensors:
+        Type of each sensor of the scene, by name.
+    """
+    names = [switch.name for switch in switches]
     for number, switch in enumerate(switches):
         if names.index(switch.name) < number:
             raise ValueError(f"switches.{number}: '{switch.name}' is given twice")
         for place, rule in enumerate(switch.rules):
-            if rule.sensor not in known:
-                listed = ", ".join(f"'{name}'" for name in known)
-                where = f"switches.{number}.rules.{place}: "
-                raise ValueError(f"{where}of '{rule.sensor}', but the sensors are {listed}")
+            where = f"switches.{number}.rules.{place}: "
+            if rule.sensor not in sensors:
+                known = _list(sensors)
+                raise ValueError(f"{where}of '{rule.sensor}', but the sensors are {known}")
+            estimated = _ESTIMATED[sensors[rule.sensor]]
+            for kind in rule.kinds or ():
+                if kind not in estimated:
+                    what = f"no level of a {sensors[rule.sensor]} is of kind '{kind}', but of "
+                    raise ValueError(where + what + _list(estimated))
+
+
+def _list(names: Iterable[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)

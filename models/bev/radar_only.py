@@ -41,19 +41,27 @@ class RadarOnly:
         frame:
             Only its stamp is read.
         scan:
-            The newest scan before it, in cluster mode; where it tells its quality, clusters that
-            are false alarms more likely than not by 99 % are left out.
+            The newest scan before it, in cluster mode.
         """
         over_ground = speed_over_ground(scan)
-        chosen = (np.abs(over_ground) > MOVING) | (scan.dyn_prop == _STOPPED)
-        if scan.pdh0 is not None:
-            chosen &= scan.pdh0 <= _TRUSTED
+        chosen = mobile(scan, over_ground)
         place = moved(scan, frame.stamp_ns, self._ahead_m)[chosen]
         group = linked(place, over_ground[chosen])
         strength = 10 ** (scan.rcs[chosen].astype(np.float64) / 20)
-        return np.array([_face(place[group == g], strength[group == g]) for g in set(group)]).reshape(
-            -1, 2
-        )
+        return np.array(
+            [_face(place[group == g], strength[group == g]) for g in set(group)]
+        ).reshape(-1, 2)
+
+
+def mobile(scan: RadarScan, over_ground: Floats) -> NDArray[np.bool_]:
+    """Return which clusters are echoes of what moves, or has moved and stopped, (n,).
+
+    Where the scan tells its quality, those that are false alarms by 99 % or more are left out.
+    """
+    chosen = (np.abs(over_ground) > MOVING) | (scan.dyn_prop == _STOPPED)
+    if scan.pdh0 is not None:
+        chosen &= scan.pdh0 <= _TRUSTED
+    return np.asarray(chosen)
 
 
 def speed_over_ground(scan: RadarScan) -> Floats:
@@ -77,7 +85,7 @@ def speed_over_ground(scan: RadarScan) -> Floats:
 
 
 def moved(scan: RadarScan, stamp_ns: int, ahead_m: float) -> Floats:
-    """Return where the clusters are by ``stamp_ns`` at their own speed, (n, 2) m, for the camera."""
+    """Return where the clusters are by ``stamp_ns``, (n, 2) m, camera coordinates."""
     later_s = (stamp_ns - scan.stamp_ns) * 1e-9
     x = scan.x.astype(np.float64) + scan.vx * later_s + ahead_m
     return np.stack([x, scan.y + scan.vy * later_s], axis=1)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -156,6 +157,18 @@ def test_a_rule_may_ask_for_a_low_level() -> None:
         chooser.update(noise_level("radar", level), number * TENTH)
         models.append(chooser.model)
     assert models == ["both", "both", *["radar_only"] * 3, "both", "both"]
+
+
+def test_a_rule_may_be_of_some_kinds_only() -> None:
+    rules = [
+        {"sensor": "camera", "stale_s": 60, "model": "radar_only"},
+        {"sensor": "camera", "above": 40, "hysteresis": 10, "kinds": ["under"], "model": "dark"},
+    ]
+    chooser, models = Chooser(switch(0, rules)), []
+    for kind in ("noise", "under", "blur"):
+        chooser.update(replace(noise_level("camera", 90), kind=kind), 0)
+        models.append(chooser.model)
+    assert models == ["both", "dark", "both"]
 
 
 def test_a_choice_is_stamped_in_the_time_of_the_levels() -> None:
