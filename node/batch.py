@@ -50,7 +50,7 @@ def estimate_paths(paths: list[Path]) -> Iterator[Row]:
         At the first file that cannot be read; what came before has been yielded.
     """
     networks = {}
-    for source, sensor_type, messages in chain.from_iterable(map(_streams, paths)):
+    for source, sensor_type, messages in chain.from_iterable(map(streams, paths)):
         if sensor_type not in networks:
             networks[sensor_type] = load_network(sensor_type)
         network = networks[sensor_type]
@@ -61,7 +61,7 @@ def estimate_paths(paths: list[Path]) -> Iterator[Row]:
             yield Row(source, message.sequence, message.stamp_ns, estimate, run_time_us)
 
 
-def _streams(path: Path) -> Iterator[tuple[str, SensorType, Iterator[Frame | RadarScan]]]:
+def streams(path: Path) -> Iterator[tuple[str, SensorType, Iterator[Frame | RadarScan]]]:
     """Yield name, sensor type and messages of each sensor that a path holds."""
     if is_recording(str(path)):
         for sensor, source in open_sensors(path):

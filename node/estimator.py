@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from time import monotonic_ns
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from drivers.frame import Frame
 from drivers.scan import RadarScan
+from models.estimate.calibration import Calibration
 from models.estimate.filter import level_filter
 from models.estimate.level import LEVELS, Estimate, NoiseLevel
 from models.estimate.smooth import KindFilter, agreeing
@@ -48,14 +50,22 @@ def load_network(sensor_type: SensorType) -> Callable[[Any], Estimate]:
 class Estimator:
     """Estimates the noise level of one sensor, message by message.
 
+    Parameters
+    ----------
+    calibration:
+        A file of ``murk calibrate`` that corrects this sensor's estimates.
+
     Raises
     ------
     ModelError
         If the network's file is missing or not murk's.
+    InputError
+        If the calibration's file is.
     """
 
-    def __init__(self, sensor_type: SensorType) -> None:
+    def __init__(self, sensor_type: SensorType, calibration: Path | None = None) -> None:
         self._network = load_network(sensor_type)
+        self._correction = Calibration.read(calibration, sensor_type) if calibration else None
         self._levels = level_filter(sensor_type)
         self._kinds = KindFilter(KIND_TIME_CONSTANT_S)
 
@@ -77,6 +87,8 @@ class Estimator:
             The message's history; see ``NoiseLevel``.
         """
         estimate = self._network(message)
+        if self._correction is not None:
+            estimate = self._correction.apply(estimate)
         probabilities = self._levels.update(message.stamp_ns, estimate.probabilities)
         kinds = agreeing(
             self._kinds.update(message.stamp_ns, estimate.kind_probabilities),

@@ -81,7 +81,9 @@ def _sensor_stages(scene: Scene, sensor: Sensor) -> Iterator[Stage]:
         "estimate",
         sensor.name,
         True,
-        "its noise level is published",
+        f"its noise level is published, corrected by {sensor.calibration.name}"
+        if sensor.calibration
+        else "its noise level is published",
         ("cv2", "onnxruntime") if sensor.type == "camera" else ("onnxruntime",),
     )
 

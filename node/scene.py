@@ -67,7 +67,8 @@ class Sensor(_Strict):
     SensorID, which shifts its CAN IDs by 0x10 each. ``motion`` is a CAN log or bus whose speed and
     yaw rate (0x300, 0x301) are sent to a radar on a bus, 20 times a second. ``size`` (width,
     height), ``rate_hz`` and ``pixel_format`` are asked of a live camera; by default it is taken as
-    it is. ``settings`` are sent to a radar on a bus until it confirms them.
+    it is. ``settings`` are sent to a radar on a bus until it confirms them. ``calibration`` is a
+    file of ``murk calibrate`` that corrects this sensor's estimates.
     """
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
@@ -79,6 +80,7 @@ class Sensor(_Strict):
     size: tuple[PositiveInt, PositiveInt] | None = None
     rate_hz: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     pixel_format: Literal["MJPG", "YUYV"] | None = None
+    calibration: Path | None = None
 
 
 _SCHEDULES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -326,7 +328,7 @@ def read_scene_file(path: Path) -> dict[str, Any]:
         raise SceneError(path, f"is not TOML: {error}", "see docs/scene.md") from None
     sensors = content.get("sensors")
     for sensor in sensors if isinstance(sensors, list) else []:
-        for key in ("source", "motion") if isinstance(sensor, dict) else ():
+        for key in ("source", "motion", "calibration") if isinstance(sensor, dict) else ():
             if key in sensor:
                 sensor[key] = _beside(path.parent, str(sensor[key]))
     return content

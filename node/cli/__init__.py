@@ -12,6 +12,7 @@ import typer
 from dbc.errors import MurkError
 from node.cli import (
     bench,
+    calibrate,
     decode,
     degrade,
     demo,
@@ -59,6 +60,7 @@ app.command()(decode.decode)
 app.command()(bench.bench)
 app.command()(doctor.doctor)
 app.command()(train.train)
+app.command()(calibrate.calibrate)
 app.command()(play.play)
 app.add_typer(radar.app, name="radar")
 app.command()(gateway.gateway)

@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from dbc.errors import InputError
+from models.estimate.calibration import Calibration
+from node.cli import app
+from node.estimator import Estimator
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Path:
+    folder = tmp_path / "drive"
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    for number in range(15):
+        rough = rng.integers(0, 256, (9, 16, 3), np.uint8)
+        image = cv2.resize(rough, (160, 96), interpolation=cv2.INTER_CUBIC)
+        cv2.imwrite(str(folder / f"{number}.png"), image)
+    return folder
+
+
+def test_calibrate_writes_a_file_that_the_estimator_takes(drive: Path, tmp_path: Path) -> None:
+    file = tmp_path / "front.json"
+    arguments = ["calibrate", "camera", str(drive), "--output", str(file), "--json"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    record = json.loads(result.stdout)
+    assert record["messages"] == 15
+    assert record["output"] == str(file)
+    assert Calibration.read(file, "camera").exponent == record["exponent"]
+    Estimator("camera", file)
+    with pytest.raises(InputError, match="for a camera"):
+        Estimator("radar", file)
+
+
+def test_a_drive_without_such_a_sensor(drive: Path) -> None:
+    result = CliRunner().invoke(app, ["calibrate", "radar", str(drive)])
+    assert isinstance(result.exception, InputError)
+    assert "has 0 messages" in str(result.exception)
