@@ -167,8 +167,7 @@ def apply(degradation: ImagerDegradation, image: Image) -> Image:
         case Motion():
             return _smear(degradation, image)
         case Gain(gain=gain):
-            table = np.clip(np.rint(_VALUES * gain), 0, 255).astype(np.uint8)
-            return np.asarray(cv2.LUT(image, table), np.uint8)
+            return np.asarray(cv2.convertScaleAbs(image, alpha=gain), np.uint8)
         case SignalNoise(gain=gain, shot=shot, read=read, seed=seed):
             return add_noise(image, np.sqrt(shot * _VALUES + read**2), gain * _VALUES, seed)
         case Stuck(kind="salt_pepper"):

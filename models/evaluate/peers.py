@@ -1,7 +1,8 @@
-"""How much faster the degradations are than other libraries' corruptions of the same name.
+"""Other libraries' corruptions beside ours, one thread each, CPU time on the same image.
 
-The other libraries live in an environment of their own, whose interpreter ``MURK_PEERS`` names
-(``pip install imagecorruptions albumentations 'setuptools<80'``); without it nothing is compared.
+They live in an environment of their own, whose interpreter ``MURK_PEERS`` names (``pip install
+imagecorruptions albumentations kornia torch 'setuptools<80' 'numpy<2'``); without it nothing is
+compared. kornia is given float tensors: turning images into them and back is not counted.
 """
 
 from __future__ import annotations
@@ -9,29 +10,32 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dbc.errors import InputError
+from models.degrade.draw import DrawKey
+from models.degrade.kinds import module_of
 from models.evaluate import peers_worker
-from models.evaluate.report import Goal
+from models.evaluate.degrade import cpu_time_us, textured_image
+from models.evaluate.peers_worker import PAIRS, Pair
+from models.evaluate.report import Goal, Result, Table
 
-_ASKED = {"imagecorruptions": 20.0, "albumentations": 1.0}
+ASKED = {"imagecorruptions": 20.0, "albumentations": 1.0, "kornia": 1.0}
+"""How many times faster ours shall be."""
+
+_COLUMNS = ("ours", "ms", "theirs", "ms", "times", "what theirs is")
 
 
-def compare(image: NDArray[np.uint8], own_us: Mapping[str, float], quick: bool) -> Iterator[Goal]:
-    """Yield a goal a corruption that both have: their CPU time over ours, one thread each.
-
-    Parameters
-    ----------
-    image:
-        (height, width, 3) uint8.
-    own_us:
-        Our time by kind, µs.
+def run(quick: bool) -> Iterator[Result]:
+    """Yield a table of all pairs, then a goal a library: the pair in which ours gains least.
 
     Raises
     ------
@@ -39,8 +43,36 @@ def compare(image: NDArray[np.uint8], own_us: Mapping[str, float], quick: bool) 
         If ``MURK_PEERS`` names no interpreter that runs.
     """
     python = os.environ.get("MURK_PEERS")
-    if not python:
-        return
+    if python:
+        yield from compare(textured_image(), python, quick)
+
+
+def compare(image: NDArray[np.uint8], python: str, quick: bool) -> Iterator[Result]:
+    """Compare on one image, (height, width, 3) uint8; see ``run``."""
+    theirs = _theirs(image, python, quick)
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        ours = [_own_ms(pair, image, quick) for pair in PAIRS]
+    finally:
+        cv2.setNumThreads(threads)
+    rows: list[tuple[str | float, ...]] = []
+    gains: dict[str, dict[str, float]] = {}
+    for pair, record, own in zip(PAIRS, theirs, ours, strict=True):
+        name, other = f"{pair.ours}, {pair.level:g} %", f"{pair.library} {pair.theirs}"
+        if "ms" in record:
+            gain = record["ms"] / own
+            gains.setdefault(pair.library, {})[f"{pair.ours}, {pair.theirs}"] = gain
+            rows.append((name, own, other, record["ms"], gain, pair.theirs_is))
+        elif "No module" not in record["fault"]:
+            rows.append((name, own, other, record["fault"], "", pair.theirs_is))
+    yield Table("Other libraries", _COLUMNS, tuple(rows))
+    for library, by_pair in gains.items():
+        least = min(by_pair, key=lambda pair: by_pair[pair])
+        yield Goal(f"times as fast as {library} ({least})", by_pair[least], ASKED[library])
+
+
+def _theirs(image: NDArray[np.uint8], python: str, quick: bool) -> list[dict[str, Any]]:
     with TemporaryDirectory() as folder:
         file = Path(folder) / "image.npy"
         np.save(file, image)
@@ -49,8 +81,10 @@ def compare(image: NDArray[np.uint8], own_us: Mapping[str, float], quick: bool) 
             lines = subprocess.run(command, check=True, capture_output=True, text=True).stdout
         except (OSError, subprocess.CalledProcessError) as error:
             raise InputError("MURK_PEERS", f"{python} fails", str(error)) from error
-    for line in lines.splitlines():
-        peer = json.loads(line)
-        if "ms" in peer:
-            name = f"{peer['ours']}, times faster than {peer['library']} {peer['theirs']}"
-            yield Goal(name, peer["ms"] * 1e3 / own_us[peer["ours"]], _ASKED[peer["library"]])
+    return [json.loads(line) for line in lines.splitlines()]
+
+
+def _own_ms(pair: Pair, image: NDArray[np.uint8], quick: bool) -> float:
+    module = module_of("camera", pair.ours)
+    drawn = module.draw(pair.ours, pair.level, DrawKey(1, "bench", 0))
+    return cpu_time_us(partial(module.apply, drawn, image), quick) / 1e3

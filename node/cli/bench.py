@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 BENCHES = {
     "bus": ("node.bench.bus", "node.bench.gateway", "node.bench.latency", "node.bench.rig"),
     "decode": ("node.bench.decode", "node.bench.run"),
-    "degrade": ("models.evaluate.degrade",),
+    "degrade": ("models.evaluate.degrade", "models.evaluate.peers"),
     "estimate": ("models.evaluate.estimate", "models.evaluate.estimate_radar"),
     "stability": ("models.evaluate.stability",),
 }

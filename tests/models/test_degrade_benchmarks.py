@@ -8,9 +8,8 @@ import pytest
 
 from dbc.errors import InputError
 from models.degrade.kinds import KINDS
-from models.evaluate import degrade, stability
-from models.evaluate.peers import compare
-from models.evaluate.report import Goal, Point
+from models.evaluate import degrade, peers, stability
+from models.evaluate.report import Goal, Point, Table
 
 
 def test_nothing_fails_at_the_extremes():
@@ -23,8 +22,7 @@ def test_nothing_fails_at_the_extremes():
         assert point.error < limit, point
 
 
-def test_the_benchmark_measures_every_kind_and_leaves_opencv_as_it_was(monkeypatch):
-    monkeypatch.delenv("MURK_PEERS", raising=False)
+def test_the_benchmark_measures_every_kind_and_leaves_opencv_as_it_was():
     before = cv2.getNumThreads()
     results = list(degrade.run(quick=True))
     assert cv2.getNumThreads() == before
@@ -41,14 +39,33 @@ def test_the_benchmark_measures_every_kind_and_leaves_opencv_as_it_was(monkeypat
 
 def test_peers_are_compared_where_they_are(monkeypatch, tmp_path):
     """A stand-in for another library's package, in this interpreter."""
-    package = tmp_path / "imagecorruptions.py"
-    package.write_text("def corrupt(image, corruption_name, severity):\n    return image.copy()\n")
+    package = tmp_path / "imagecorruptions"
+    package.mkdir()
+    (package / "corruptions.py").touch()
+    (package / "__init__.py").write_text(
+        "import time\n"
+        "def corrupt(image, corruption_name, severity):\n"
+        "    end = time.thread_time() + 0.01\n"
+        "    while corruption_name != 'fog' and time.thread_time() < end: pass\n"
+        "    if corruption_name == 'snow': raise TypeError('no snow today')\n"
+    )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setenv("MURK_PEERS", sys.executable)
-    own = dict.fromkeys(KINDS["camera"], 1e-3)
-    goals = list(compare(np.zeros((9, 16, 3), np.uint8), own, quick=True))
-    assert {goal.goal for goal in goals} == {20.0}
-    assert all("imagecorruptions" in goal.name and goal.met for goal in goals)
+    image = np.zeros((90, 160, 3), np.uint8)
+    table, goal = peers.compare(image, sys.executable, quick=True)
+    assert isinstance(table, Table)
+    assert isinstance(goal, Goal)
+    rows = {row[2].removeprefix("imagecorruptions "): row for row in table.rows}
+    assert rows["gaussian_noise"][3] == pytest.approx(10, rel=0.5)
+    assert rows["gaussian_noise"][4] == pytest.approx(10 / rows["gaussian_noise"][1], rel=0.5)
+    assert "no snow today" in rows["snow"][3]
+    assert "fog" in goal.name
+    assert (goal.goal, goal.met) == (20.0, False)
+
+
+def test_without_peers_nothing_is_compared_and_a_wrong_one_is_named(monkeypatch, tmp_path):
+    monkeypatch.delenv("MURK_PEERS", raising=False)
+    assert list(peers.run(quick=True)) == []
     monkeypatch.setenv("MURK_PEERS", str(tmp_path / "no-python"))
     with pytest.raises(InputError, match="MURK_PEERS"):
-        list(compare(np.zeros((9, 16, 3), np.uint8), own, quick=True))
+        list(peers.run(quick=True))
