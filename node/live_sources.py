@@ -58,7 +58,10 @@ def gather_s(missing: int) -> float:
 
 
 class CanBusSource:
-    """Scans of one radar on a CAN bus; it waits for a bus that is down, and says so."""
+    """Scans of one radar on a CAN bus; it waits for a bus that is down, and says so.
+
+    The bus is open for listening only, unless the scene has the radar told how the vehicle moves.
+    """
 
     live = True
 
@@ -80,7 +83,8 @@ class CanBusSource:
         from drivers.ars408 import sensor_can_ids
         from drivers.can_bus import open_bus
 
-        return open_bus(self._sensor.source, ids=sensor_can_ids(self._sensor_id))
+        ids = sensor_can_ids(self._sensor_id)
+        return open_bus(self._sensor.source, ids, listen_only=self._sensor.motion is None)
 
     def messages(self) -> Iterator[Message | Lost]:
         """Yield the radar's messages, and ``Lost`` when the bus fails; see ``Source``."""

@@ -171,7 +171,9 @@ def _open_bus(sensor: Sensor) -> Source:
         apply_settings(sensor)
     source = CanBusSource(sensor)
     if sensor.motion is not None:
-        vehicle = sensor.model_copy(update={"source": sensor.motion, "sensor_id": 0})
+        vehicle = sensor.model_copy(
+            update={"source": sensor.motion, "sensor_id": 0, "motion": None}
+        )
         try:
             source.send_motion(
                 CanBusSource(vehicle) if is_can_bus(sensor.motion) else CanLogSource(vehicle)
