@@ -21,6 +21,8 @@ from node.plan import Plan
 from node.scene import ViewSettings
 
 if TYPE_CHECKING:
+    from aiohttp import web
+
     from node.bus.web_broadcast import Broadcaster
     from node.bus.web_server import PageServer
 
@@ -75,6 +77,7 @@ class WebView:
         self._server: PageServer = PageServer(
             Access(settings, port), self._broadcaster, set_injection, self._tell
         )
+        self._runner = self._loop.run_until_complete(self._open())
         self._thread = Thread(target=self._run, name="murk-view", daemon=True)
         self._thread.start()
         sys.stderr.write(f"murk: page at {self.url}\n")
@@ -99,25 +102,28 @@ class WebView:
         self._thread.join()
         self._feed.close()
 
-    def _run(self) -> None:
-        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
-            runner.run(self._serve())
-
-    async def _serve(self) -> None:
+    async def _open(self) -> web.AppRunner:
         from aiohttp import web
 
         runner = web.AppRunner(
             self._server.application(), access_log=None, shutdown_timeout=GOODBYE_S
         )
         await runner.setup()
-        await web.SockSite(runner, self._socket).start()
+        await web.SockSite(runner, self._socket, backlog=BACKLOG).start()
+        return runner
+
+    def _run(self) -> None:
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+            runner.run(self._serve())
+
+    async def _serve(self) -> None:
         broadcast = asyncio.create_task(self._broadcaster.run())
         await self._ending.wait()
         broadcast.cancel()
         goodbyes = [viewer.close(code=1001) for viewer in self._broadcaster.viewers]
         with suppress(TimeoutError):
             await asyncio.wait_for(asyncio.gather(*goodbyes, return_exceptions=True), GOODBYE_S)
-        await runner.cleanup()
+        await self._runner.cleanup()
 
     def _tell(self, detail: str) -> None:
         """Publish what went wrong with a viewer; a flood of it becomes a number."""
@@ -144,7 +150,7 @@ def _listen(settings: ViewSettings) -> socket.socket:
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
     place = f"the page's address {settings.host}:{settings.port}"
     try:
-        return socket.create_server((settings.host, settings.port), family=family, backlog=BACKLOG)
+        return socket.create_server((settings.host, settings.port), family=family)
     except OSError as error:
         what = error.strerror or "cannot be opened"
         raise InputError(place, what.lower(), "give another --host or --port") from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,6 @@ from node.bus.web_broadcast import Broadcaster
 from node.bus.web_limits import RateLimit, RateLimits
 from node.bus.web_requests import InjectionRequest, answer, parse_request, refusal
 from node.outputs import SetInjection
-
-Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 MOST_VIEWERS = 64
 LONGEST_MESSAGE = 4096
@@ -89,25 +87,24 @@ class PageServer:
 
     def application(self) -> web.Application:
         """Return what an aiohttp runner serves."""
-        application = web.Application(middlewares=[web.middleware(self._guard)])
-        application.router.add_get("/", self._page)
-        application.router.add_get("/live", self._live)
-        for path in self._files:
-            application.router.add_get(path, self._file)
+        application = web.Application()
+        application.router.add_get("/{path:.*}", self._respond)
         return application
 
-    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Let a request pass, or say why not."""
+    async def _respond(self, request: web.Request) -> web.StreamResponse:
+        """Answer a request that may in; every answer carries ``HEADERS``."""
         try:
             self._check(request)
-            response = await handler(request)
+            if request.path == "/live":
+                return await self._live(request)
+            path = self._files.get("/index.html" if request.path == "/" else request.path)
+            if path is None:
+                raise web.HTTPNotFound(text="there is no such page\n")
+            text = path.read_text(encoding="utf-8")
         except web.HTTPException as error:
-            response = error
-        if not response.prepared:
-            response.headers.update(HEADERS)
-        if isinstance(response, web.HTTPException):
-            raise response
-        return response
+            error.headers.update(HEADERS)
+            raise
+        return web.Response(text=text, content_type=TYPES[path.suffix], headers=HEADERS)
 
     def _check(self, request: web.Request) -> None:
         """Raise the HTTP error of a request that may not in."""
@@ -151,12 +148,6 @@ class PageServer:
     def _deny(self, count: str, detail: str) -> None:
         self.counts[count] += 1
         self._tell(detail)
-
-    async def _page(self, request: web.Request) -> web.StreamResponse:
-        return _answer_with(self._files["/index.html"])
-
-    async def _file(self, request: web.Request) -> web.StreamResponse:
-        return _answer_with(self._files[request.path])
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
         """Serve one viewer until it goes."""
@@ -203,9 +194,3 @@ class PageServer:
 
 def _folder() -> Path:
     return Path(__file__).with_name("page")
-
-
-def _answer_with(path: Path) -> web.Response:
-    return web.Response(
-        text=path.read_text(encoding="utf-8"), content_type=TYPES[path.suffix], charset="utf-8"
-    )

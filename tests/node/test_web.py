@@ -9,10 +9,13 @@ from threading import Thread
 from time import sleep
 from typing import Any
 
-import aiohttp
 import cv2
 import numpy as np
 import pytest
+
+pytest.importorskip("aiohttp", reason="needs the extra 'view'")
+
+import aiohttp
 
 from dbc.errors import InputError, MissingExtra
 from models.world.radar import WorldRadar

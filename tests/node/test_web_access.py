@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+pytest.importorskip("aiohttp", reason="needs the extra 'view'")
+
 from dbc.errors import InputError
 from node.bus.web_access import Access
 from node.bus.web_limits import RateLimit, RateLimits

@@ -16,14 +16,35 @@ from time import monotonic, sleep
 from typing import Any, TypeVar
 
 import pytest
+
+pytest.importorskip("aiohttp", reason="needs the extra 'view'")
+
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
 MURK = [sys.executable, "-c", "from node.cli import main; main()", "run"]
-SCENE = ["--radar", "world", "--camera", "world", "--duration", "600", "--seed", "3"]
+WORLD = ["--radar", "world", "--camera", "world", "--duration", "600", "--seed", "3"]
 INJECTABLE = ["--inject", "camera:noise:0", "--inject", "radar:snr:0"]
+SWITCH = """
+name = "highway"
+
+[[switches]]
+name = "detector"
+default = "camera_first"
+
+[[switches.rules]]
+sensor = "camera"
+stale_s = 5.0
+model = "radar_only"
+
+[[switches.rules]]
+sensor = "camera"
+above = 40
+hysteresis = 10
+model = "radar_only"
+"""
 PATIENCE_S = 60.0
 PICTURES = os.environ.get("MURK_PICTURES")
 """A folder; where it is set, the screenshots are kept there."""
@@ -55,7 +76,7 @@ class Node:
             free.bind(("127.0.0.1", 0))
             port = str(free.getsockname()[1])
         self.url = f"http://127.0.0.1:{port}/"
-        self._command = [*MURK, *SCENE, *arguments, "--view", "--port", port, "--json"]
+        self._command = [*MURK, *WORLD, *arguments, "--view", "--port", port, "--json"]
         self.start()
 
     def start(self) -> None:
@@ -63,7 +84,10 @@ class Node:
             self._command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
         assert self._process.stderr is not None
-        assert self._process.stderr.readline() == f"murk: page at {self.url}\n"
+        said = self._process.stderr.readline()
+        if said != f"murk: page at {self.url}\n":
+            self.kill()
+            pytest.fail(f"the node said {said!r}")
 
     def stop(self) -> list[dict[str, Any]]:
         """End it by Ctrl-C; return the lines that it wrote."""
@@ -78,8 +102,10 @@ class Node:
 
 
 @pytest.fixture
-def node(request: pytest.FixtureRequest) -> Iterator[Node]:
-    running = Node(*getattr(request, "param", INJECTABLE))
+def node(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Node]:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SWITCH)
+    running = Node(*getattr(request, "param", INJECTABLE), str(scene))
     yield running
     running.kill()
 
@@ -152,6 +178,10 @@ def look(browser: webdriver.Chrome, width: int, height: int, scheme: str, name: 
         Path(PICTURES, f"{name}.png").write_bytes(b64decode(picture["data"]))
 
 
+def has_text(browser: webdriver.Chrome, selector: str, text: str) -> Callable[[], bool]:
+    return lambda: text in shown(browser, selector)
+
+
 def test_the_page_shows_injects_and_comes_back(browser: webdriver.Chrome, node: Node) -> None:
     browser.get(node.url)
     until(lambda: level(browser, "camera") >= 0 and level(browser, "radar") >= 0)
@@ -160,14 +190,19 @@ def test_the_page_shows_injects_and_comes_back(browser: webdriver.Chrome, node: 
     until(lambda: colours_of(browser, "[data-sensor=camera] .view canvas") > 200)
     until(lambda: colours_of(browser, "[data-sensor=radar] .view canvas") > 20)
     assert shown(browser, "[data-sensor=camera] [data-value=rate]").endswith("Hz")
+    until(has_text(browser, "#models b", "camera_first"))
+    until(has_text(browser, "#node", "active"))
     assert shown(browser, "[data-sensor=radar] [data-value=p99]").endswith("ms")
 
     press(browser, "camera", "noise")
-    until(lambda: "injected: noise 50 %" in shown(browser, "[data-sensor=camera] .words"))
+    until(has_text(browser, "[data-sensor=camera] .words", "injected: noise 50 %"))
     until(lambda: abs(level(browser, "camera") - 50) <= 15)
     slider = browser.find_element(By.CSS_SELECTOR, "input[data-kind=noise]")
     slider.send_keys(Keys.ARROW_RIGHT * 6)
-    until(lambda: "injected: noise 80 %" in shown(browser, "[data-sensor=camera] .words"))
+    until(has_text(browser, "[data-sensor=camera] .words", "injected: noise 80 %"))
+    until(has_text(browser, "#models b", "radar_only"))
+    assert "camera" in shown(browser, "#models .reason")
+    assert "radar_only" in shown(browser, "#log")
     until(lambda: abs(level(browser, "camera") - 80) <= 15)
     assert "noise" in shown(browser, "[data-sensor=camera] .likeliest")
     press(browser, "radar", "snr")
@@ -200,7 +235,7 @@ def test_the_page_shows_injects_and_comes_back(browser: webdriver.Chrome, node: 
     until(lambda: level(browser, "camera") >= 0)
     assert shown(browser, "#banner:not([hidden])") == ""
     press(browser, "camera", "blur")
-    until(lambda: "injected: blur 50 %" in shown(browser, "[data-sensor=camera] .words"))
+    until(has_text(browser, "[data-sensor=camera] .words", "injected: blur 50 %"))
 
     faults = [line for line in browser.get_log("browser") if line["level"] == "SEVERE"]
     known = ("ERR_CONNECTION_REFUSED", "ERR_EMPTY_RESPONSE", "ERR_CONNECTION_RESET")
