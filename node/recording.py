@@ -51,6 +51,41 @@ def info_topic(recording: McapRecording, topic: str) -> str | None:
     return beside if recording.topics.get(beside) in _INFOS else None
 
 
+def level_topic(topic: str) -> str:
+    """Return the topic of the noise levels that were published for a topic's scans or frames."""
+    return re.sub("/(scan|image/compressed)$", "", topic) + "/noise_level"
+
+
+def decode(entry: Entry, info: bytes | None, count: int, path: Path) -> Any:
+    """Return murk's message of an entry, or the frame of another program's image.
+
+    Parameters
+    ----------
+    info:
+        CDR of what was recorded beside it, where it was.
+    count:
+        How many came before it: the sequence of another program's image.
+    path:
+        Of the recording, for errors.
+
+    Raises
+    ------
+    InputError
+        If the bytes are malformed, or an image's format or encoding is not read.
+    """
+    from node.bus.messages import from_ros, typestore
+
+    try:
+        if info is None and entry.type_name in _IMAGES:
+            from node.bus.foreign_image import read_image
+
+            frame = read_image(entry.type_name, entry.cdr, count, typestore())
+            return replace(frame, stamp_ns=frame.stamp_ns or entry.publish_time)
+        return from_ros(entry.type_name, entry.cdr, typestore(), info)
+    except InputError as error:
+        raise InputError(f"{path}:{entry.topic}", error.what, error.remedy) from None
+
+
 def read_recording(path: Path) -> dict[str, Any]:
     """Return the content of a scene that replays a recording: a sensor a topic, nothing injected.
 
@@ -121,7 +156,7 @@ class RecordingSource:
         self._path = path
         self._recording = open_mcap(path)
         self._topic = _choose(sensor, path, topic, sensor_topics(self._recording))
-        self._level_topic = re.sub("/(scan|image/compressed)$", "", self._topic) + "/noise_level"
+        self._level_topic = level_topic(self._topic)
 
     def messages(self) -> Iterator[Frame | RadarScan]:
         """Yield frames or scans; see ``Source``."""
@@ -145,24 +180,15 @@ class RecordingSource:
 
     def _decoded(self) -> Iterator[Any]:
         """Yield frames or scans, and after each the noise level that was published for it."""
-        from node.bus.messages import from_ros, typestore
-
-        store = typestore()
         beside = info_topic(self._recording, self._topic)
         info: bytes | None = None
-        sequence = 0
+        count = 0
         for entry in self._recording.entries({self._topic, self._level_topic, beside or ""}):
-            try:
-                if entry.topic == beside:
-                    info = entry.cdr
-                elif entry.topic == self._topic and beside is None:
-                    yield _foreign_frame(entry, sequence, store)
-                    sequence += 1
-                else:
-                    yield from_ros(entry.type_name, entry.cdr, store, info)
-            except (InputError, ValueError) as error:
-                what = error.what if isinstance(error, InputError) else f"malformed: {error}"
-                raise InputError(f"{self._path}:{entry.topic}", what) from None
+            if entry.topic == beside:
+                info = entry.cdr
+            else:
+                yield decode(entry, info, count, self._path)
+                count += entry.topic == self._topic
 
 
 def _choose(sensor: Sensor, path: Path, topic: str | None, topics: dict[str, SensorType]) -> str:
@@ -180,40 +206,3 @@ def _choose(sensor: Sensor, path: Path, topic: str | None, topics: dict[str, Sen
     what = f"has no topic {topic}" if topic else f"has {len(fitting)} topics of a {sensor.type}"
     named = ", ".join(f"{path}:{name}" for name in fitting)
     raise SceneError(path, f"{what} that '{sensor.name}' could be", f"give one of {named}")
-
-
-def _foreign_frame(entry: Entry, sequence: int, store: Any) -> Frame:
-    """Return the frame of an image that came without information beside it."""
-    from node.bus.messages import deserialize
-
-    message = deserialize(entry.type_name, entry.cdr, store)
-    stamp = message.header.stamp
-    stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec or entry.publish_time
-    return Frame(_pixels(message, entry.type_name), "", sequence, stamp_ns, "file")
-
-
-def _pixels(message: Any, type_name: str) -> Any:
-    """Return (height, width, 3) uint8 BGR."""
-    import cv2
-    import numpy as np
-
-    if type_name == _IMAGES[0]:
-        data = np.asarray(message.data)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR_BGR) if len(data) else None
-        if image is None:
-            raise InputError(type_name, f"its format '{message.format}' is not read")
-        return image
-    conversions = {
-        "bgr8": None,
-        "rgb8": cv2.COLOR_RGB2BGR,
-        "mono8": cv2.COLOR_GRAY2BGR,
-        "bgra8": cv2.COLOR_BGRA2BGR,
-        "rgba8": cv2.COLOR_RGBA2BGR,
-    }
-    if message.encoding not in conversions:
-        raise InputError(type_name, f"its encoding '{message.encoding}' is not read")
-    rows = np.asarray(message.data).reshape(message.height, message.step)
-    channels = {"mono8": 1, "bgr8": 3, "rgb8": 3}.get(message.encoding, 4)
-    pixels = rows[:, : message.width * channels].reshape(message.height, message.width, channels)
-    code = conversions[message.encoding]
-    return pixels.copy() if code is None else cv2.cvtColor(pixels, code)

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, NamedTuple
 import zstandard
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.reader import make_reader
-from mcap.records import Channel, Header, Message, Metadata, Schema
+from mcap.records import Channel, DataEnd, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
 from dbc.errors import InputError
@@ -164,24 +164,38 @@ def _scanned(file: BinaryIO, path: Path) -> tuple[dict[int, Channel], dict[int, 
 def _entries(path: Path, topics: Collection[str] | None) -> Iterator[Entry]:
     channels: dict[int, Channel] = {}
     schemas: dict[int, Schema] = {}
-    read = 0
+    for record in read_records(path):
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, Message) and record.channel_id in channels:
+            channel = channels[record.channel_id]
+            if channel.schema_id in schemas and (topics is None or channel.topic in topics):
+                yield _entry(record, channel, schemas[channel.schema_id])
+
+
+def read_records(path: Path) -> Iterator[Any]:
+    """Yield the records of the data section as the library has them, out of their chunks.
+
+    Raises
+    ------
+    InputError
+        At damage; what came before has been yielded. A file that just ends is none.
+    """
+    messages = 0
     with path.open("rb") as file:
         try:
             for record in _records(file, path):
-                if isinstance(record, Schema):
-                    schemas[record.id] = record
-                elif isinstance(record, Channel):
-                    channels[record.id] = record
-                elif isinstance(record, Message):
-                    read += 1
-                    channel = channels[record.channel_id]
-                    if channel.schema_id in schemas and (topics is None or channel.topic in topics):
-                        yield _entry(record, channel, schemas[channel.schema_id])
+                if isinstance(record, DataEnd):
+                    return
+                messages += isinstance(record, Message)
+                yield record
         except EndOfFile:
-            log.warning("%s was cut off; its first %d messages are read", path, read)
+            log.warning("%s was cut off; its first %d messages are read", path, messages)
         except _DAMAGE as error:
             cause = str(error) or type(error).__name__
-            what = f"is damaged after {read} messages: {cause}"
+            what = f"is damaged after {messages} messages: {cause}"
             raise InputError(path, what, "'mcap recover' saves what follows") from None
 
 

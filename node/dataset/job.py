@@ -15,7 +15,7 @@ from dbc.errors import InputError
 from models.degrade.draw import DrawKey
 from models.degrade.kinds import HAZY, module_of
 from node.dataset.depth import read_depth_map
-from node.dataset.sources import SENSOR_TYPE, Source
+from node.dataset.sources import MESSAGES, SENSOR_TYPE, Source
 
 STATE = ".murk"
 """Folder in the output that holds how far a run is."""
@@ -69,7 +69,7 @@ class Job:
                 sequence = json.loads(file.readline())["sequence"]
         except FileNotFoundError:
             return False
-        return self.source.form in ("video", "log") or sequence == self.source.sequence
+        return self.source.form in MESSAGES or sequence == self.source.sequence
 
     def degrade(self, data: Any, sensor: str, sequence: int) -> tuple[Any, dict[str, Any]]:
         """Degrade one image or scan; return it and its label.
@@ -127,7 +127,7 @@ def run_job(job: Job) -> Done:
         If the source cannot be read or the target cannot be written.
     """
     start = time.perf_counter()
-    form = import_module(f"node.dataset.{job.source.form}")
+    form = import_module(f"node.dataset.{job.source.form.partition('_')[0]}")
     target = job.output / job.target
     try:
         labels = _into_place(target, lambda path: form.degrade(job, path), job.output)

@@ -13,9 +13,10 @@ from models.world.camera import WorldCamera
 from models.world.radar import WorldRadar
 from models.world.road import World
 from node.dataset.sources import SENSOR_TYPE, Source, find_sources
+from node.recording import is_recording, open_sensors
 
 _WORLD_SEED, _WORLD_S = 4, 6.0
-_FRAME, _SCAN = 40, 45
+_FRAME, _SCAN = 5, 45
 """A street with vehicles, houses and trees."""
 
 
@@ -54,6 +55,10 @@ def draw_sheets(path: Path | None, folder: Path, seed: int) -> list[Path]:
 
 
 def _first(source: Source) -> Frame | RadarScan:
+    if is_recording(source.path.name):
+        for sensor, recording in open_sensors(source.path):
+            if sensor.type == SENSOR_TYPE[source.form]:
+                return next(recording.messages())
     if SENSOR_TYPE[source.form] == "camera":
         with open_camera_source(source.path, source.sensor) as frames:
             return next(frames)

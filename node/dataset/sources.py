@@ -11,15 +11,28 @@ from typing import Literal
 from dbc.errors import InputError
 from drivers.camera import IMAGE_SUFFIXES
 from drivers.can_log import CANDUMP_SUFFIXES
+from node.recording import is_recording, sensor_topics
+from node.scene import SensorType
 
-Form = Literal["image", "video", "log", "cloud"]
+Form = Literal["image", "video", "log", "cloud", "mcap_frames", "mcap_scans"]
 
-SENSOR_TYPE = {"image": "camera", "video": "camera", "log": "radar", "cloud": "radar"}
+SENSOR_TYPE: dict[Form, SensorType] = {
+    "image": "camera",
+    "video": "camera",
+    "log": "radar",
+    "cloud": "radar",
+    "mcap_frames": "camera",
+    "mcap_scans": "radar",
+}
 """Sensor type by form: it decides which kinds a file can have."""
+
+_RECORDED: tuple[Form, ...] = ("mcap_frames", "mcap_scans")
+MESSAGES = ("video", "log", *_RECORDED)
+"""Forms of files that hold many messages."""
 
 VIDEO_SUFFIXES = frozenset({".avi", ".h264", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".webm"})
 
-_UNDERSTOOD = "a video, images, candump logs, or nuScenes (samples/CAM_*, samples/RADAR_*)"
+_UNDERSTOOD = "a video, images, candump logs, MCAP, or nuScenes (samples/CAM_*, samples/RADAR_*)"
 _AMBIGUOUS = ".txt"
 """In a folder such a file is rather a readme than a log."""
 _NUSCENES_PARTS = ("samples", "sweeps")
@@ -71,25 +84,26 @@ def find_sources(path: Path) -> tuple[list[Source], int]:
     if not path.exists():
         raise InputError(path, "no such file or folder", f"expected {_UNDERSTOOD}")
     if not path.is_dir():
-        form = _form(path.name, alone=True)
-        if form is None:
+        forms = _forms(path, alone=True)
+        if not forms:
             raise InputError(path, f"{path.suffix or 'a file without suffix'} is not understood",
                              f"expected {_UNDERSTOOD}")  # fmt: skip
-        return [Source(path, _target(path.name, form), form, path.name)], 0
+        return [Source(path, _target(path.name, form), form, path.name) for form in forms], 0
     files = [name for name in _walk(path) if not _is_foreign(path, name)]
-    forms = {name: _form(name, alone=False) for name in files}
-    known = {name: form for name, form in forms.items() if form is not None}
+    known = {name: forms for name in files if (forms := _forms(path / name, alone=False))}
     if not known:
         raise InputError(path, "holds nothing to degrade", f"expected {_UNDERSTOOD}")
     messages: dict[str, int] = {}
     sources = []
-    for name, form in known.items():
+    for name, forms in known.items():
         sensor, sequence = name, 0
         if _is_nuscenes(path):
             sensor = name.rpartition("/")[0]
             sequence = messages[sensor] = messages.get(sensor, -1) + 1
-        sources.append(Source(path / name, _target(name, form), form, sensor, sequence))
-    return sources, len(files) - len(sources)
+        sources += [
+            Source(path / name, _target(name, form), form, sensor, sequence) for form in forms
+        ]
+    return sources, len(files) - len(known)
 
 
 def _walk(folder: Path) -> list[str]:
@@ -126,6 +140,17 @@ def _is_foreign(folder: Path, name: str) -> bool:
     part, _, rest = name.partition("/")
     ours = part in _NUSCENES_PARTS and rest.startswith(_NUSCENES_SENSORS)
     return _is_nuscenes(folder) and not ours
+
+
+def _forms(path: Path, *, alone: bool) -> tuple[Form, ...]:
+    """Return what a file is: of a recording, a form for each type of its sensors."""
+    if not is_recording(path.name):
+        form = _form(path.name, alone=alone)
+        return () if form is None else (form,)
+    from node.bus.mcap_reader import open_mcap
+
+    there = set(sensor_topics(open_mcap(path)).values())
+    return tuple(form for form in _RECORDED if SENSOR_TYPE[form] in there)
 
 
 def _form(name: str, *, alone: bool) -> Form | None:

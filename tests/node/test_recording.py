@@ -21,8 +21,11 @@ from drivers.encode import encode_scan
 from models.estimate.level import NoiseLevel
 from node.batch import estimate_paths
 from node.bus.in_process import Bus
+from node.bus.mcap_reader import open_mcap
 from node.bus.messages import serialize, typestore
 from node.cli.scene_flags import build_scene
+from node.dataset.job import run_job
+from node.dataset.plan import begin, make_plan
 from node.outputs import open_outputs
 from node.pipeline import Pipeline
 from node.plan import plan
@@ -176,6 +179,51 @@ def test_a_message_whose_level_was_not_recorded_is_replayed_all_the_same(tmp_pat
     )
     ((_, source),) = open_sensors(path)
     assert [one.injected for one in source.messages()] == [None, None, {"snr": 1.0}]
+
+
+def test_a_recording_is_degraded_topic_by_topic_and_labelled(tmp_path: Path) -> None:
+    path, output = tmp_path / "drive.mcap", tmp_path / "output"
+    record(scene_plan(path), published(4))
+    made = make_plan(path, output, ["missed", "noise"], [0.0, 50.0], seed=3)
+    done = {(one.job.kind, one.job.level): one for one in map(run_job, begin(made))}
+    for (kind, level_), one in done.items():
+        copy = output / one.job.target
+        assert one.messages == 4
+        if level_ == 0:
+            assert copy.read_bytes() == path.read_bytes()
+            continue
+        changed = "front" if kind == "missed" else "camera"
+        both = zip(open_sensors(path), open_sensors(copy), strict=True)
+        for (sensor, before), (_, after) in both:
+            open_sensors(path), open_sensors(copy), strict=True
+        ):
+            pairs = list(zip(before.messages(), after.messages(), strict=True))
+            assert all(a.stamp_ns == b.stamp_ns and a.sequence == b.sequence for a, b in pairs)
+            assert {equal(a, b) for a, b in pairs} == {sensor.name != changed}
+        topics = open_mcap(copy)
+        stale = f"/murk/{changed}/noise_level"
+        assert stale not in {entry.topic for entry in topics.entries()}
+        labels = [json.loads(line) for line in one.job.labels.read_text().splitlines()]
+        assert [label["sequence"] for label in labels] == [0, 1, 2, 3]
+    assert begin(made) == []
+
+
+def equal(a: Any, b: Any) -> bool:
+    if hasattr(a, "image"):
+        return bool(np.array_equal(a.image, b.image))
+    return len(a) == len(b) and bool(np.array_equal(a.x, b.x))
+
+
+def test_a_foreign_recording_is_degraded_in_its_own_types(foreign: Path, tmp_path: Path) -> None:
+    made = make_plan(foreign, tmp_path / "output", ["over"], [60.0], seed=3)
+    (done,) = map(run_job, begin(made))
+    copy = tmp_path / "output" / done.job.target
+    assert done.messages == 6
+    assert open_mcap(copy).topics == open_mcap(foreign).topics
+    for (_, before), (_, after) in zip(open_sensors(foreign), open_sensors(copy), strict=True):
+        pairs = list(zip(before.messages(), after.messages(), strict=True))
+        assert len(pairs) == 3
+        assert all(b.image.mean() > a.image.mean() for a, b in pairs)
 
 
 def image_message(store: Any, number: int, encoding: str) -> Any:
