@@ -195,8 +195,6 @@ def test_a_recording_is_degraded_topic_by_topic_and_labelled(tmp_path: Path) -> 
         changed = "front" if kind == "missed" else "camera"
         both = zip(open_sensors(path), open_sensors(copy), strict=True)
         for (sensor, before), (_, after) in both:
-            open_sensors(path), open_sensors(copy), strict=True
-        ):
             pairs = list(zip(before.messages(), after.messages(), strict=True))
             assert all(a.stamp_ns == b.stamp_ns and a.sequence == b.sequence for a, b in pairs)
             assert {equal(a, b) for a, b in pairs} == {sensor.name != changed}
