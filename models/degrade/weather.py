@@ -55,7 +55,6 @@ _DROPS_A_GROUP = 8
 _DROP_LIFE = 160
 _COVERED = 0.6
 _LIGHT_CELL = 16
-_LIGHT_QUANTILE = 0.9
 _DAYLIGHT = 200.0
 _DIRT_LIGHT = 0.25
 _DIRT_EDGE = 0.35
@@ -143,7 +142,7 @@ def draw(kind: str, level: float, key: DrawKey, *, horizon: float = HORIZON) -> 
     match kind:
         case "fog":
             extinction = N * CONTRAST_LIMIT / 50.0
-            haze = Haze(extinction, airlight, 0.5, key.sequence * 0.02, lasting_seed)
+            haze = Haze(extinction, airlight, 0.3, key.sequence * 0.02, lasting_seed)
             return Weather(kind, level, haze, 0, 0.0, (), horizon)
         case "rain":
             extinction = 0.312e-3 * (100.0 * N) ** 0.67
@@ -211,17 +210,18 @@ def apply(weather: Weather, image: Image, *, depth_m: NDArray[np.float32] | None
 def scene_light(image: Image, horizon: float = HORIZON) -> float:
     """Return how bright the air of the scene is, counts.
 
-    Haze shows where the darkest colour channel is brightest (He, Sun, Tang, "Single image haze
-    removal using dark channel prior", CVPR 2009): the 90 % quantile of the dark channel above the
-    horizon, over cells of 16 × 16 pixels, of which a lamp at night fills few.
+    The air is seen where the darkest colour channel is brightest (He, Sun, Tang, "Single image
+    haze removal using dark channel prior", CVPR 2009). This is the median brightness of that fifth
+    of the cells of 16 × 16 pixels above the horizon: a lamp at night fills few of them.
     """
     height, width = image.shape[:2]
     above = image[: max(1, round(horizon * height))]
     across, down = max(1, width // _LIGHT_CELL), max(1, len(above) // _LIGHT_CELL)
     sparse = cv2.resize(above, (4 * across, 4 * down), interpolation=cv2.INTER_NEAREST)
     cells = cv2.resize(sparse, (across, down), interpolation=cv2.INTER_AREA)
-    dark = np.sort(cells.min(axis=2), axis=None)
-    return float(dark[int(_LIGHT_QUANTILE * (dark.size - 1))])
+    brightest = np.argsort(cells.min(axis=2), axis=None)[-math.ceil(across * down / 5) :]
+    light = np.sort(cells.reshape(-1, 3)[brightest].mean(axis=1))
+    return float(light[len(light) // 2])
 
 
 def default_depth(height: int, horizon: float = HORIZON) -> NDArray[np.float64]:
@@ -256,14 +256,14 @@ def _transmission(
 
 
 def _banks_of_fog(haze: Haze, height: int, width: int) -> NDArray[np.float64]:
-    """Return a smooth pattern within (-1, 1) that drifts sideways and never jumps."""
+    """Return a smooth pattern within [-1, 1] that drifts sideways and never jumps."""
     pattern = _uniform(haze.seed, (6, 64)) * 2 - 1
     place = (np.arange(12) + haze.drift) % 64
     left = place.astype(np.intp)
     part = (place - left)[None, :]
     cells = pattern[:, left] * (1 - part) + pattern[:, (left + 1) % 64] * part
-    smooth = cv2.resize(cells.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.asarray(smooth, np.float64)
+    smooth = cv2.resize(cells.astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
+    return np.clip(smooth, -1, 1, dtype=np.float64)
 
 
 def _uniform(seed: int, shape: tuple[int, ...]) -> NDArray[np.float64]:

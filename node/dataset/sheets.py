@@ -16,7 +16,7 @@ from node.dataset.sources import SENSOR_TYPE, Source, find_sources
 from node.recording import is_recording, open_sensors
 
 _WORLD_SEED, _WORLD_S = 4, 6.0
-_FRAME, _SCAN = 5, 45
+_FRAME, _SCAN = 90, 45
 """A street with vehicles, houses and trees."""
 
 
