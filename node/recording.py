@@ -47,13 +47,13 @@ def sensor_topics(recording: McapRecording) -> dict[str, SensorType]:
 
 def info_topic(recording: McapRecording, topic: str) -> str | None:
     """Return the topic of what murk recorded beside a topic's scans or frames; None: it did not."""
-    beside = topic.removesuffix("/compressed") + "_info"
+    beside = f"{topic}_info"
     return beside if recording.topics.get(beside) in _INFOS else None
 
 
 def level_topic(topic: str) -> str:
     """Return the topic of the noise levels that were published for a topic's scans or frames."""
-    return re.sub("/(scan|image/compressed)$", "", topic) + "/noise_level"
+    return re.sub("/(scan|image)$", "", topic) + "/noise_level"
 
 
 def decode(entry: Entry, info: bytes | None, count: int, path: Path) -> Any:
@@ -76,10 +76,10 @@ def decode(entry: Entry, info: bytes | None, count: int, path: Path) -> Any:
     from node.bus.messages import from_ros, typestore
 
     try:
-        if info is None and entry.type_name in _IMAGES:
-            from node.bus.foreign_image import read_image
+        if entry.type_name in _IMAGES:
+            from node.bus.recorded_image import read_image
 
-            frame = read_image(entry.type_name, entry.cdr, count, typestore())
+            frame = read_image(entry.type_name, entry.cdr, info, count, typestore())
             return replace(frame, stamp_ns=frame.stamp_ns or entry.publish_time)
         return from_ros(entry.type_name, entry.cdr, typestore(), info)
     except InputError as error:
@@ -130,7 +130,7 @@ def open_sensors(path: Path) -> list[tuple[Sensor, RecordingSource]]:
 
 def sensor_name(topic: str) -> str:
     """Return a sensor's name for a topic: ``front`` for ``/murk/front/scan``."""
-    own = re.fullmatch(r"/murk/([a-z][a-z0-9_]*)/(scan|image/compressed)", topic)
+    own = re.fullmatch(r"/murk/([a-z][a-z0-9_]*)/(scan|image)", topic)
     name = own[1] if own else re.sub(r"[^a-z0-9]+", "_", topic.lower()).strip("_")
     return name if name[:1].isalpha() else f"topic_{name}"
 

@@ -7,7 +7,7 @@ import re
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 from uuid import uuid4
 
 from mcap.writer import CompressionType, Writer
@@ -82,8 +82,14 @@ class McapWriter:
         message = published.message
         if isinstance(message, Frame | RadarScan):
             self._add(f"{published.topic}_info", info_to_ros(message, self._store), published)
-        topic = published.topic + ("/compressed" if isinstance(message, Frame) else "")
-        self._add(topic, to_ros(message, self._store, lossless=True), published)
+        self._add(published.topic, self._to_ros(message), published)
+
+    def _to_ros(self, message: Any) -> RosMessage:
+        if not isinstance(message, Frame):
+            return to_ros(message, self._store)
+        from node.bus.recorded_image import RAW, image_cdr
+
+        return RosMessage(RAW, image_cdr(message, RAW, self._store))
 
     def _add(self, topic: str, ros: RosMessage, published: Published) -> None:
         channel = self._channels.get(topic)

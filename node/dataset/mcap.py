@@ -11,10 +11,10 @@ from mcap.records import Message
 
 from dbc.errors import InputError
 from drivers.frame import Frame
-from node.bus.foreign_image import image_cdr
 from node.bus.mcap_copy import copy_mcap
 from node.bus.mcap_reader import Entry, open_mcap
 from node.bus.messages import info_to_ros, to_ros, typestore
+from node.bus.recorded_image import image_cdr
 from node.dataset.job import Job
 from node.dataset.sources import SENSOR_TYPE
 from node.recording import decode, info_topic, level_topic, sensor_topics

@@ -28,10 +28,9 @@ from node.bus.in_process import Bus
 from node.bus.inbox import Inbox
 from node.bus.mcap import McapRecorder
 from node.bus.mcap_reader import Entry, open_mcap
-from node.bus.messages import from_ros, typestore
 from node.events import EVENT_TOPIC, MODEL_TOPIC, ModelChoice, NodeEvent
 from node.health import SensorEvent
-from node.recording import read_recording
+from node.recording import decode, read_recording
 from tests.node.recordings import START_NS, frame, level, published, record, scan, scene_plan
 
 MURK = [sys.executable, "-c", "from node.cli import main; main()"]
@@ -49,13 +48,12 @@ def same(a: Any, b: Any) -> bool:
 
 def decoded(path: Path) -> list[Any]:
     """Return murk's messages of a file, in its order."""
-    store, messages, info = typestore(), [], {}
+    messages, info = [], {}
     for entry in open_mcap(path).entries():
         if entry.topic.endswith("_info"):
             info[entry.topic] = entry.cdr
         else:
-            beside = info.get(entry.topic.removesuffix("/compressed") + "_info")
-            messages.append(from_ros(entry.type_name, entry.cdr, store, beside))
+            messages.append(decode(entry, info.get(f"{entry.topic}_info"), 0, path))
     return messages
 
 

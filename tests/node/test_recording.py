@@ -155,7 +155,7 @@ def test_a_recording_is_estimated_and_decoded(recorded: tuple[Path, list[NoiseLe
         assert row.estimate.level == by_stamp[row.stamp_ns, row.sequence]
     assert {row.source for row in rows} == {
         f"{path}:/murk/front/scan",
-        f"{path}:/murk/camera/image/compressed",
+        f"{path}:/murk/camera/image",
     }
     command = [*MURK, "decode", str(path), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)

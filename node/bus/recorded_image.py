@@ -1,4 +1,7 @@
-"""Images of ROS 2 that another program recorded: nothing stands beside them."""
+"""Images as recordings hold them: murk's are raw, those of other programs raw or compressed.
+
+A chunk's zstd takes a fifth of PNG's time for a raw image, and about a tenth more bytes.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +30,17 @@ _TO_BGR = {
 """By encoding: bytes a pixel, and the conversion."""
 
 
-def read_image(type_name: str, cdr: bytes, sequence: int, store: Typestore) -> Frame:
+def read_image(
+    type_name: str, cdr: bytes, info: bytes | None, count: int, store: Typestore
+) -> Frame:
     """Return the frame of a ``CompressedImage`` or ``Image``; its sensor is the ``frame_id``.
+
+    Parameters
+    ----------
+    info:
+        CDR of the ``FrameInfo`` beside it, where murk recorded it.
+    count:
+        The sequence of a frame without.
 
     Raises
     ------
@@ -38,7 +50,17 @@ def read_image(type_name: str, cdr: bytes, sequence: int, store: Typestore) -> F
     message = deserialize(type_name, cdr, store)
     pixels = _raw(message) if type_name == RAW else _decompressed(message)
     stamp_ns = time_ns_of(message.header.stamp)
-    return Frame(pixels, message.header.frame_id, sequence, stamp_ns, "file")
+    if info is None:
+        return Frame(pixels, message.header.frame_id, count, stamp_ns, "file")
+    beside = deserialize("murk_msgs/msg/FrameInfo", info, store)
+    return Frame(
+        image=pixels,
+        sensor=beside.header.frame_id,
+        sequence=beside.sequence,
+        stamp_ns=stamp_ns,
+        stamp_source=beside.stamp_source,
+        dropped=beside.dropped,
+    )
 
 
 def image_cdr(frame: Frame, type_name: str, store: Typestore) -> bytes:
