@@ -49,7 +49,7 @@ class CameraFirst:
     """
 
     def __init__(
-        self, horizon: float, ahead_m: float = RADAR_AHEAD_M, path: Path | None = None
+        self, horizon: float = 0.46, ahead_m: float = RADAR_AHEAD_M, path: Path | None = None
     ) -> None:
         path = path or WEIGHTS / "bev_camera.onnx"
         self._horizon = horizon

@@ -30,6 +30,7 @@ try:
     from torch import nn
     from torch.nn import functional
 
+    from models.training.bev_card import write_card
     from models.training.export import export
 except ImportError:
     raise MissingExtra("train", "python -m models.training.bev") from None
@@ -41,6 +42,8 @@ FIRST_SEED = 2_000_000  # far from the seeds that people type: a demonstration s
 DURATION_S = 20.0
 WORLDS, FRAMES = 120, 20
 EPOCHS, BATCH = 20, 12
+DRIVES = 12
+"""Drives that the result is measured on."""
 PEAK_RATE = 6e-3
 DEPTH_WEIGHT = 2.0
 HIDDEN = 0.3
@@ -207,12 +210,12 @@ def _loss(output: Tensor, answer: Tensor) -> Tensor:
 
 
 def train(output: Path, *, quick: bool, seed: int, report: Report) -> None:
-    """Train the detector and write it.
+    """Train the detector, and write it and its card.
 
     Parameters
     ----------
     output:
-        The ONNX file to write.
+        The ONNX file to write; its card goes beside it with the suffix ``.md``.
     quick:
         A few frames and one epoch, in seconds: to see that it runs, not to be used.
     seed:
@@ -220,10 +223,18 @@ def train(output: Path, *, quick: bool, seed: int, report: Report) -> None:
     report:
         Called with a record of the progress after every epoch.
     """
-    samples = make_samples(1, BATCH) if quick else make_samples(WORLDS, FRAMES)
-    detector = fit(samples, 1 if quick else EPOCHS, seed, report)
+    worlds, frames = (1, BATCH) if quick else (WORLDS, FRAMES)
+    detector = fit(make_samples(worlds, frames), 1 if quick else EPOCHS, seed, report)
     example = {INPUT: torch.zeros(1, 3, HEIGHT, WIDTH)}
     export(detector, example, output, model=MODEL, version=VERSION, outputs=(OUTPUT,))
+    write_card(
+        output,
+        parameters=sum(parameter.numel() for parameter in detector.parameters()),
+        frames=worlds * frames,
+        worlds=worlds,
+        seed=seed,
+        drives=1 if quick else DRIVES,
+    )
 
 
 def _say(progress: dict[str, object]) -> None:
