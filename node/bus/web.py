@@ -135,7 +135,7 @@ class WebView:
         self._bus.publish(EVENT_TOPIC, NodeEvent("view", time_ns(), detail + more))
 
 
-_BROADCAST = ("snapshots", "thumbnails", "skipped")
+_BROADCAST = ("snapshots", "thumbnails", "skipped", "failures")
 _SERVED = ("viewers", "injections", "malformed", "floods", "denied", "too_many")
 
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 from collections import Counter
 from typing import Any
 
-from aiohttp import web
+from aiohttp import WSCloseCode, web
 
 from node.bus.in_process import Bus
 from node.bus.web_feed import Feed
 
+log = logging.getLogger("murk.view")
+
 PERIOD_S = 0.1
 THUMBNAIL_TICKS = 2
-"""A thumbnail goes with every so-manieth snapshot."""
+"""Thumbnails go with every second snapshot."""
 
 
 class Broadcaster:
@@ -28,7 +31,8 @@ class Broadcaster:
     viewers:
         Who watches now.
     counts:
-        ``snapshots`` and ``thumbnails`` made, ``skipped`` by viewers that were busy.
+        ``snapshots`` and ``thumbnails`` made, ``skipped`` by viewers that were busy, and
+        ``failures`` to make one.
     """
 
     def __init__(self, feed: Feed, bus: Bus) -> None:
@@ -51,7 +55,10 @@ class Broadcaster:
             if not self.viewers:
                 self._watched.clear()
                 await self._watched.wait()
-            self._make()
+            try:
+                self._make()
+            except Exception:
+                self._fail()
             made, self._made = self._made, asyncio.Event()
             made.set()
             await asyncio.sleep(PERIOD_S)
@@ -64,8 +71,16 @@ class Broadcaster:
             await self._send_all(viewer)
         except ConnectionError:
             pass  # it has gone
+        except Exception:
+            self._fail()
+            await viewer.close(code=WSCloseCode.INTERNAL_ERROR)
         finally:
             self.viewers.discard(viewer)
+
+    def _fail(self) -> None:
+        self.counts["failures"] += 1
+        if self.counts["failures"] == 1:
+            log.exception("a snapshot for the page failed; further failures are counted")
 
     async def _send_all(self, viewer: web.WebSocketResponse) -> None:
         seen: int | None = None
@@ -113,4 +128,4 @@ class Broadcaster:
 
 
 def _encode(record: dict[str, Any]) -> str:
-    return json.dumps(record, allow_nan=False, separators=(",", ":"))
+    return json.dumps(record, allow_nan=False, default=float, separators=(",", ":"))

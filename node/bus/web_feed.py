@@ -36,6 +36,7 @@ RATE_S = 3.0
 """The span of the published rate."""
 STATISTICS_S = 0.5
 """Latency percentiles are computed anew after so long."""
+ARRIVALS_KEPT = 4096
 EVENTS_KEPT = 100
 OVERLAP_MS = 200
 """What was taken in just as the last snapshot was made is sent again; the page sees to it."""
@@ -52,7 +53,7 @@ class SensorFeed:
         self._newest: NoiseLevel | None = None
         self._newest_ms = 0
         self._history: deque[tuple[int, float, float, float | None]] = deque()
-        self._arrivals: deque[tuple[float, int]] = deque()
+        self._arrivals: deque[tuple[float, int]] = deque(maxlen=ARRIVALS_KEPT)
         self._percentiles_ms: tuple[float, float] | None = None
         self._computed_s = 0.0
         self._lock = Lock()
@@ -176,7 +177,8 @@ class Feed:
                 "reason": choice.reason,
                 "stamp": time_ns() // 1_000_000,
             }
-        self._log(time_ns(), choice.switch, "model", f"{choice.model}: {choice.reason}")
+        title = f"{choice.switch} → {choice.model}"
+        self._log(time_ns(), title, "model", choice.reason)
 
     def _log(self, stamp_ns: int, source: str, state: str, text: str) -> None:
         with self._lock:

@@ -108,14 +108,14 @@ class PageServer:
 
     def _check(self, request: web.Request) -> None:
         """Raise the HTTP error of a request that may not in."""
-        address = request.remote or ""
+        address, host = request.remote or "", request.headers.get("Host", "")
         if not self._requests.allows(address):
             self._deny("too_many", f"{address} asks too often")
             raise web.HTTPTooManyRequests(text="too many requests\n")
-        if not self._access.allows_host(request.host):
-            self._deny("denied", f"{address} asked for the page of {request.host[:80]!r}")
+        if not self._access.allows_host(host):
+            self._deny("denied", f"{address} asked for the page of {host[:80]!r}")
             raise web.HTTPMisdirectedRequest(text="this is not the host that you asked for\n")
-        if not self._access.allows_origin(request.headers.get("Origin"), request.host):
+        if not self._access.allows_origin(request.headers.get("Origin"), host):
             self._deny("denied", f"a page of {request.headers['Origin'][:80]!r} asked for this one")
             raise web.HTTPForbidden(text="not from another page\n")
         if request.path in WITHOUT_TOKEN:

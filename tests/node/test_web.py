@@ -129,6 +129,20 @@ def test_a_scan_is_sent_once_and_whole_to_who_comes_later() -> None:
         assert feed.full(2)["sensors"]["radar"]["scan"] == sent
 
 
+def test_a_value_that_cannot_be_sent_is_counted_and_the_page_goes_on() -> None:
+    with Bus() as bus, serving(bus) as view:
+
+        async def talk(viewer: aiohttp.ClientWebSocketResponse) -> None:
+            await news(viewer, "update")
+            bus.publish(LEVEL, level_of("camera", float("nan")))
+            await asyncio.to_thread(until, lambda: view.counts()["failures"] > 0)
+            bus.publish(LEVEL, level_of("camera", 30.0))
+            while (await news(viewer, "update"))["sensors"]["camera"].get("level") != 30.0:
+                pass
+
+        converse(view, talk)
+
+
 class SlowViewer:
     """Takes the first snapshot, and then no more until it is let."""
 

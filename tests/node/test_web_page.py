@@ -182,6 +182,23 @@ def has_text(browser: webdriver.Chrome, selector: str, text: str) -> Callable[[]
     return lambda: text in shown(browser, selector)
 
 
+def fill_a_minute(browser: webdriver.Chrome) -> None:
+    """Inject this and that, so that the pictures have something to show."""
+    for sensor, kind in (
+        ("camera", "noise"),
+        ("radar", "snr"),
+        ("camera", "blur"),
+        ("camera", "blur"),
+        ("radar", "jitter"),
+        ("camera", "noise"),
+        ("radar", "jitter"),
+        ("radar", "missed"),
+    ):
+        sleep(6.0)
+        press(browser, sensor, kind)
+    sleep(6.0)
+
+
 def test_the_page_shows_injects_and_comes_back(browser: webdriver.Chrome, node: Node) -> None:
     browser.get(node.url)
     until(lambda: level(browser, "camera") >= 0 and level(browser, "radar") >= 0)
@@ -208,6 +225,8 @@ def test_the_page_shows_injects_and_comes_back(browser: webdriver.Chrome, node: 
     press(browser, "radar", "snr")
     until(lambda: level(browser, "radar") >= 25)
 
+    if PICTURES:
+        fill_a_minute(browser)
     for width, height, scheme, name in (
         (1280, 800, "dark", "page"),
         (390, 844, "light", "page-phone"),
@@ -216,7 +235,7 @@ def test_the_page_shows_injects_and_comes_back(browser: webdriver.Chrome, node: 
     ):
         look(browser, width, height, scheme, name)
 
-    press(browser, "camera", "noise")
+    browser.find_element(By.XPATH, "//*[@data-sensor='camera']//button[.='All off']").click()
     until(lambda: level(browser, "camera") in range(20))
 
     lines = node.stop()

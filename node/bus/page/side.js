@@ -3,7 +3,7 @@
 import { element, setText } from "./dom.js";
 
 const MARKS = { ok: "●", stale: "▲", lost: "■", never_seen: "○", trouble: "▲", model: "◆" };
-const WORDS = { never_seen: "never seen", stale: "silent" };
+const WORDS = { never_seen: "never seen", stale: "silent", model: "" };
 const MOST_EVENTS = 100;
 
 export function showModels(panel, models) {
@@ -18,9 +18,9 @@ export function showModels(panel, models) {
       list.append(row);
     }
     setText(row.children[0], name);
-    setText(row.children[1], model);
-    const before = previous ? `, before: ${previous}` : "";
-    setText(row.children[2], `${reason} (${time(stamp)}${before})`);
+    setText(row.children[1], `${MARKS.model} ${model}`);
+    const before = previous ? `before: ${previous}` : "the first";
+    setText(row.children[2], `${reason} (since ${time(stamp)}, ${before})`);
   }
 }
 
