@@ -36,6 +36,11 @@ class LastingBus:
 
     That it went down is logged once, and that it is back.
 
+    Parameters
+    ----------
+    spec, listen_only:
+        As ``drivers.can_bus.open_bus`` takes them.
+
     Attributes
     ----------
     downs:
@@ -47,13 +52,14 @@ class LastingBus:
     ended = False
     """A bus does not end."""
 
-    def __init__(self, spec: str) -> None:
+    def __init__(self, spec: str, *, listen_only: bool = False) -> None:
         self.downs = 0
         self.unsent = 0
         self._spec = spec
+        self._listen_only = listen_only
         self._lock = Lock()
         self._is_down = False
-        self._bus: CanBus | None = open_bus(spec)
+        self._bus: CanBus | None = open_bus(spec, listen_only=listen_only)
 
     @property
     def dropped(self) -> int:
@@ -117,7 +123,7 @@ class LastingBus:
         with self._lock:
             if self._bus is None:
                 try:
-                    self._bus = open_bus(self._spec)
+                    self._bus = open_bus(self._spec, listen_only=self._listen_only)
                 except DeviceError:
                     time.sleep(BACK_OFF_S)
             return self._bus
@@ -175,7 +181,7 @@ class CanLink:
         self._clock: Clock = SystemClock()
         self._source: LastingBus | LogSource
         if is_can_bus(source):
-            self._source = LastingBus(source)
+            self._source = LastingBus(source, listen_only=not both_ways)
         else:
             self._source = LogSource(source, fast=is_candump(target))
             self._clock = self._source.clock
