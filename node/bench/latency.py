@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Event, Thread
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,8 @@ def run(quick: bool) -> Iterator[Point]:
     """Measure latencies to a listener in process, and to one on a CAN bus."""
     interface = "vcan0" if "vcan0" in can_interfaces() else None
     with TemporaryDirectory() as folder:
-        kept = _plan(Path(folder), interface or "virtual:latency", QUICK_S if quick else RUN_S)
+        outputs = {"can": {"bus": interface or "virtual:latency"}}
+        kept = recorded_plan(Path(folder), outputs, QUICK_S if quick else RUN_S)
         measured = _measure(kept, f"CAN ({interface or 'python-can virtual'})")
     for name, (latencies, lost) in measured.items():
         for percentile in (50, 99):
@@ -62,7 +64,8 @@ def run(quick: bool) -> Iterator[Point]:
             yield Point(f"latency, {name}", f"p{percentile}", value, lost, "levels lost")
 
 
-def _plan(folder: Path, can: str, duration_s: float) -> Plan:
+def recorded_plan(folder: Path, outputs: dict[str, Any], duration_s: float) -> Plan:
+    """Return a plan that plays a radar and a camera, recorded into ``folder``, in real time."""
     world = World(seed=1, duration_s=4.0)
     log, clip = folder / "world.log", folder / "world.mp4"
     write_candump(log, WorldRadar(world).frames())
@@ -74,7 +77,7 @@ def _plan(folder: Path, can: str, duration_s: float) -> Plan:
         "sensors": [{"name": name, "type": name, "source": str(path)} for name, path in sources],
         "clock": {"loop": True},
         "duration_s": duration_s,
-        "outputs": {"can": {"bus": can}},
+        "outputs": outputs,
     }
     return plan(check_scene(content, "bench"))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterable
 from functools import cache
 from typing import Any
 from weakref import WeakValueDictionary
@@ -18,7 +19,14 @@ from dbc.errors import InputError, MissingExtra
 from node.bus.messages import typestore
 
 try:
-    from cyclonedds.core import DDSException
+    from cyclonedds.core import (
+        DDSException,
+        InstanceState,
+        ReadCondition,
+        SampleState,
+        ViewState,
+        WaitSet,
+    )
     from cyclonedds.domain import Domain, DomainParticipant
     from cyclonedds.idl import make_idl_struct, types
     from cyclonedds.internal import InvalidSample
@@ -118,8 +126,9 @@ class RosParticipant:
             enclave = Policy.Userdata(b"enclave=/;")  # by which ROS 2 knows its own
             self.dds: Any = DomainParticipant(domain, Qos(enclave))
         except DDSException as error:
-            remedy = "see CYCLONEDDS_URI" if network else "is another configuration of it open?"
-            raise InputError(f"DDS domain {domain}", _reason(error), remedy) from None
+            remedy = "see CYCLONEDDS_URI" if network else "does this process have it open already?"
+            what = f"cannot be joined: {_reason(error)}"
+            raise InputError(f"DDS domain {domain}", what, remedy) from None
 
     def writer(self, topic: str, type_name: str, qos: Any) -> RosWriter:
         """Announce a topic (its name in ROS) and its type, e.g. ``murk_msgs/msg/NoiseLevel``."""
@@ -190,6 +199,24 @@ class RosReader:
         self.dds = None
 
 
+class RosWaiter:
+    """Waits until one of some readers has a message."""
+
+    def __init__(self, participant: RosParticipant, readers: Iterable[RosReader]) -> None:
+        anything = SampleState.Any | ViewState.Any | InstanceState.Any
+        self._waitset: Any = WaitSet(participant.dds)
+        for reader in readers:
+            self._waitset.attach(ReadCondition(reader.dds, anything))
+
+    def wait(self, timeout_s: float) -> bool:
+        """Return whether there is something to take."""
+        return bool(self._waitset.wait(round(timeout_s * 1e9)))
+
+    def close(self) -> None:
+        """Wait no longer; the readers stay open."""
+        self._waitset = None
+
+
 def _loopback_domain(domain: int) -> Any:
     found = _open_domains.get(domain)
     if found is None:
@@ -198,7 +225,9 @@ def _loopback_domain(domain: int) -> Any:
 
 
 def _reason(error: DDSException) -> str:
-    return str(error.msg or error).removeprefix("Occurred ").splitlines()[0]
+    """Return what DDS says of an error, without its code and the place where it occurred."""
+    _, _, text = str(error).partition("] ")
+    return text.partition(". ")[0].lower()
 
 
 _IDL: Any = types
