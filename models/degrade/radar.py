@@ -222,9 +222,14 @@ def is_missed(
     deviates:
         Standard normal, one a cluster.
     """
-    over = np.minimum(margin_db - drop_db, 3000.0)
-    remaining = np.exp(over * _NEPERS_PER_DB)
+    remaining = echo_over_threshold(margin_db, drop_db)
     return np.asarray(remaining + level * 0.01 * deviates < 1.0)
+
+
+def echo_over_threshold(margin_db: FloatArray, drop_db: float | FloatArray) -> FloatArray:
+    """Return 10^((margin - drop)/10), the echo that is left in units of the threshold."""
+    over = np.minimum(margin_db - drop_db, 3000.0)
+    return np.asarray(np.exp(over * _NEPERS_PER_DB))
 
 
 def std_growth(drop_db: float | FloatArray) -> FloatArray:

@@ -239,10 +239,14 @@ def default_depth(height: int, horizon: float = HORIZON) -> NDArray[np.float64]:
 def _transmission(
     haze: Haze, horizon: float, shape: tuple[int, ...], depth_m: NDArray[np.float32] | None
 ) -> Bytes:
-    """Return exp(-extinction × depth) × 255, (height, width) uint8; coarse without a depth map."""
+    """Return exp(-extinction × depth) × 255, (height, width) uint8.
+
+    Of banks of fog a picture of a quarter the size is enough, but for a depth map.
+    """
     height, width = shape[:2]
     if depth_m is None:
-        depth = default_depth(-(-height // _COARSE), horizon)[:, None]
+        rows = -(-height // _COARSE) if haze.patchiness else height
+        depth = default_depth(rows, horizon)[:, None]
     else:
         usable = np.isfinite(depth_m) & (depth_m > 0)
         depth = np.minimum(np.where(usable, depth_m, FARTHEST_M), FARTHEST_M).astype(np.float64)
@@ -263,7 +267,7 @@ def _banks_of_fog(haze: Haze, height: int, width: int) -> NDArray[np.float64]:
     part = (place - left)[None, :]
     cells = pattern[:, left] * (1 - part) + pattern[:, (left + 1) % 64] * part
     smooth = cv2.resize(cells.astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
-    return np.clip(smooth, -1, 1, dtype=np.float64)
+    return np.asarray(np.clip(smooth, -1, 1), np.float64)
 
 
 def _uniform(seed: int, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -17,17 +17,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.scan import RadarScan
-from models.degrade import camera, imager, weather
+from models.degrade import camera, weather
 from models.degrade.draw import DrawKey
 from models.degrade.kinds import KINDS, module_of
+from models.evaluate.exact import Exact, Image, exact
 from models.evaluate.report import Goal, Point
 from models.sensor import ARS408
-
-Image = NDArray[np.uint8]
-Exact = NDArray[np.float64]
 
 _HEIGHT, _WIDTH = 900, 1600
 _KEY = DrawKey(1, "bench", 7)
@@ -105,8 +102,8 @@ def cpu_time_us(call: Callable[[], object], quick: bool) -> float:
     return median(times) / 1e3
 
 
-def _rms(result: Image, exact: Exact) -> float:
-    error = (result - np.clip(exact, 0, 255))[_BORDER:-_BORDER, _BORDER:-_BORDER]
+def _rms(result: Image, reference: Exact) -> float:
+    error = (result - np.clip(reference, 0, 255))[_BORDER:-_BORDER, _BORDER:-_BORDER]
     return float(np.sqrt(np.mean(error**2)))
 
 
@@ -115,17 +112,17 @@ def _camera(quick: bool) -> Iterator[Point | Goal]:
     slowest: dict[str, float] = {}
     worst_blur = 0.0
     for level in (60.0,) if quick else (10.0, 30.0, 50.0, 60.0, 80.0, 100.0):
-        for kind, method, drawn, exact in _methods(level, image):
+        for kind, method, drawn, reference in _methods(level, image):
             time_us = cpu_time_us(partial(camera.apply, drawn, image), quick)
             result = camera.apply(drawn, image)
             yield Point(
-                f"{kind}, {method}", f"level={level:g}", time_us, _rms(result, exact), "counts"
+                f"{kind}, {method}", f"level={level:g}", time_us, _rms(result, reference), "counts"
             )
             if method == "fast":
                 slowest[kind] = max(slowest.get(kind, 0.0), time_us)
             if (kind, method) == ("blur", "fast"):
                 inside = np.s_[_BORDER:-_BORDER, _BORDER:-_BORDER]
-                worst_blur = max(worst_blur, float(np.abs(result - exact)[inside].max()))
+                worst_blur = max(worst_blur, float(np.abs(result - reference)[inside].max()))
     yield from _noise(quick, image, slowest)
     yield from _others(quick, image, slowest)
     yield Goal("over-exposure, ms", slowest["over"] / 1e3, 1.5, False)
@@ -139,24 +136,12 @@ def _camera(quick: bool) -> Iterator[Point | Goal]:
 
 def _methods(level: float, image: Image) -> Iterator[tuple[str, str, Any, Exact]]:
     """Yield kind, method, drawn parameters and the exact result of the kinds with a choice."""
-    light = image.astype(np.float64)
     for kind in ("blur", "over", "under"):
-        exact: Exact | None = None
+        reference: Exact | None = None
         for method in _METHODS:
             drawn = camera.draw(kind, level, _KEY, method=method)
-            if exact is None:
-                exact = _exact(drawn, light)
-            yield kind, method, drawn, exact
-
-
-def _exact(drawn: camera.CameraDegradation, light: Exact) -> Exact:
-    border = cv2.BORDER_REFLECT_101
-    if isinstance(drawn, camera.Blur):
-        size = (drawn.size, drawn.size)
-        return np.asarray(cv2.GaussianBlur(light, size, drawn.sigma, borderType=border))
-    assert isinstance(drawn, camera.Exposure)
-    kernel = np.array([0.25, 0.5, 0.25])
-    return np.asarray(cv2.sepFilter2D(light, -1, kernel, kernel, borderType=border) * drawn.gain)
+            reference = exact(drawn, image) if reference is None else reference
+            yield kind, method, drawn, reference
 
 
 def _noise(quick: bool, image: Image, slowest: dict[str, float]) -> Iterator[Point | Goal]:
@@ -215,35 +200,12 @@ def _others(quick: bool, image: Image, slowest: dict[str, float]) -> Iterator[Po
         time_us = cpu_time_us(partial(module.apply, drawn, image), quick)
         error = 0.0
         if kind == "motion":
-            error = _rms(module.apply(drawn, small), _exact_smear(drawn, small))
+            error = _rms(module.apply(drawn, small), exact(drawn, small))
         if kind == "fog":
             even = replace(drawn, haze=replace(drawn.haze, patchiness=0.0))
-            error = _rms(weather.apply(even, small), _exact_fog(even, small))
+            error = _rms(weather.apply(even, small), exact(even, small))
         yield Point(kind, f"level={level:g}", time_us, error, "counts")
         slowest[kind] = max(slowest.get(kind, 0.0), time_us)
-
-
-def _exact_smear(motion: imager.Motion, image: Image) -> Exact:
-    """Return the mean of 256 bilinear samples along the smear."""
-    angle = np.radians(motion.direction_deg)
-    total = np.zeros(image.shape)
-    light = image.astype(np.float32)
-    for share in (np.arange(256) + 0.5) / 256 - 0.5:
-        x, y = share * motion.length * np.cos(angle), share * motion.length * np.sin(angle)
-        shift = np.array([[1, 0, x], [0, 1, y]])
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        total += cv2.warpAffine(
-            light, shift, image.shape[1::-1], flags=flags, borderMode=cv2.BORDER_REFLECT
-        )
-    return total / 256
-
-
-def _exact_fog(fog: weather.Weather, image: Image) -> Exact:
-    assert fog.haze is not None
-    depth = weather.default_depth(image.shape[0])[:, None, None]
-    t = np.exp(-fog.haze.extinction * depth)
-    airlight = fog.haze.airlight * weather.scene_light(image)
-    return np.asarray(image * t + airlight * (1 - t))
 
 
 def _radar(quick: bool) -> Iterator[Point | Goal]:

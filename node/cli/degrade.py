@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def degrade(
     source: Annotated[
         Path | None,
-        typer.Argument(metavar="INPUT", help="Image, video, candump log, MCAP, or a folder of them."),
+        typer.Argument(metavar="INPUT", help="Image, video, candump log, MCAP, or a folder."),
     ] = None,
     output: Annotated[
         Path | None, typer.Argument(metavar="OUTPUT", help="Folder, new or half done.")
