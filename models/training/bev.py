@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 
 FIRST_SEED = 2_000_000  # far from the seeds that people type: a demonstration shows new worlds
 DURATION_S = 20.0
-WORLDS, FRAMES = 120, 20
-EPOCHS, BATCH = 20, 12
+WORLDS, FRAMES = 90, 30
+EPOCHS, BATCH = 10, 12
 DRIVES = 12
 """Drives that the result is measured on."""
 PEAK_RATE = 6e-3

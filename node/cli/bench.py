@@ -21,6 +21,7 @@ BENCHES = {
     "degrade": ("models.evaluate.degrade", "models.evaluate.peers"),
     "estimate": ("models.evaluate.estimate", "models.evaluate.estimate_radar"),
     "stability": ("models.evaluate.stability",),
+    "switch": ("node.bench.switch",),
 }
 """Modules of each benchmark; each has ``run(quick) -> Iterator[Result]``."""
 
