@@ -5,8 +5,10 @@ import os
 import resource
 import shlex
 import shutil
+import struct
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 from threading import Thread
@@ -16,7 +18,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.reader import make_reader
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader, make_reader
 from rosbags.highlevel import AnyReader
 
 from dbc.errors import InputError
@@ -313,6 +316,21 @@ def read_as_far_as_it_goes(path: Path) -> tuple[list[Entry], str | None]:
     return read, None
 
 
+def test_the_library_reads_a_file_that_was_cut_off_as_far_as_murk_does(
+    whole: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "cut.mcap"
+    content = whole.read_bytes()
+    path.write_bytes(content[: content.rindex(END_OF_DATA) - 5])
+    theirs: list[tuple[str, bytes]] = []
+    with path.open("rb") as file, suppress(McapError, struct.error):
+        for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
+            theirs.append((channel.topic, message.data))
+    assert theirs == [(entry.topic, entry.cdr) for entry in open_mcap(path).entries()]
+    assert len(theirs) == 18
+
+
+END_OF_DATA = b"\x0f\x04\0\0\0\0\0\0\0"
 PLACE = st.floats(0, 1, exclude_max=True)
 
 
