@@ -67,6 +67,9 @@ class McapRecorder:
         """Write what is queued, and end the file."""
         self._inbox.close()
         self._thread.join(JOIN_S)
+        if self._thread.is_alive():
+            self._stopped = f"recording to {self._path} hangs; it is left as it is"
+            log.error("%s", self._stopped)
 
     def _record(self) -> None:
         try:
