@@ -3,6 +3,7 @@ from __future__ import annotations
 import asyncio
 import re
 import socket
+import subprocess
 import sys
 from collections.abc import Callable
 from threading import Thread
@@ -394,14 +395,26 @@ def test_there_is_an_end_to_the_number_of_viewers(monkeypatch: pytest.MonkeyPatc
         converse(view, talk)
 
 
+def deaf_viewer(view: WebView) -> socket.socket:
+    """Return the connection of a viewer that never reads, once it counts as one."""
+    port = int(view.url.rstrip("/").rpartition(":")[2])
+    head = "".join(f"{name}: {value}\r\n" for name, value in UPGRADE.items())
+    deaf = socket.create_connection(("127.0.0.1", port))
+    deaf.sendall(f"GET /live HTTP/1.1\r\nHost: 127.0.0.1\r\n{head}\r\n".encode())
+    until(lambda: view._broadcaster.viewers)
+    return deaf
+
+
+def test_a_viewer_that_does_not_answer_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(web_server, "HEARTBEAT_S", 0.2)
+    with Bus() as bus, serving(bus) as view, deaf_viewer(view):
+        until(lambda: not view._broadcaster.viewers)
+
+
 def test_the_end_is_told_to_viewers_even_those_that_do_not_listen() -> None:
     with Bus() as bus:
         view = WebView(view_plan(), bus, Injections())
-        port = int(view.url.rstrip("/").rpartition(":")[2])
-        head = "".join(f"{name}: {value}\r\n" for name, value in UPGRADE.items())
-        with socket.create_connection(("127.0.0.1", port)) as deaf:
-            deaf.sendall(f"GET /live HTTP/1.1\r\nHost: 127.0.0.1\r\n{head}\r\n".encode())
-            until(lambda: view.counts()["viewers"] == 1)
+        with deaf_viewer(view):
 
             async def talk(viewer: aiohttp.ClientWebSocketResponse) -> None:
                 await news(viewer, "update")
@@ -415,7 +428,7 @@ def test_the_end_is_told_to_viewers_even_those_that_do_not_listen() -> None:
 
             converse(view, talk)
         with pytest.raises(OSError, match="refused"):
-            socket.create_connection(("127.0.0.1", port)).close()
+            deaf_viewer(view)
 
 
 def test_a_port_in_use_is_one_line() -> None:
@@ -469,6 +482,23 @@ def test_ten_viewers_cost_the_pipeline_no_message() -> None:
         assert counts["estimated"] == counts["received"] > 15
         assert counts["dropped_by_queue"] == 0
         assert view.counts()["viewers"] == 10
+
+
+def test_a_page_without_a_camera_loads_no_opencv() -> None:
+    script = """
+import sys
+from node.bus.in_process import Bus
+from node.bus.web import WebView
+from node.plan import plan
+from node.scene import check_scene
+content = {"sensors": [{"name": "radar", "type": "radar", "source": "world"}],
+           "outputs": {"view": {"port": 0}}}
+with Bus() as bus:
+    WebView(plan(check_scene(content, "test")), bus, print).close()
+print(sorted({"cv2", "av", "onnxruntime", "matplotlib"} & set(sys.modules)))
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout == "[]\n", done.stderr
 
 
 def test_the_scene_says_which_sensors_have_buttons() -> None:

@@ -133,3 +133,20 @@ def test_the_page_asks_nothing_of_any_other_computer() -> None:
         text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
         assert not re.search(r"https?://|@import|url\(", text.replace("ws://", "")), path.name
     assert "default-src 'none'" in HEADERS["Content-Security-Policy"]
+
+
+def luminance(colour: str) -> float:
+    """Return the relative luminance of #rrggbb (WCAG 2.2)."""
+    channels = (int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5))
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+    return float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+
+@pytest.mark.parametrize("theme", [0, 1], ids=["light", "dark"])
+@pytest.mark.parametrize("ground", ["card", "raised"])
+@pytest.mark.parametrize("ink", ["text", "muted", "injected", "good", "fair", "poor"])
+def test_every_text_is_read_in_sunlight_and_at_night(ink: str, ground: str, theme: int) -> None:
+    text = (_folder() / "page.css").read_text(encoding="utf-8")
+    pairs = dict(re.findall(r"--([a-z-]+): light-dark\((#\w{6}, #\w{6})\)", text))
+    dark, light = sorted(luminance(pairs[name].split(", ")[theme]) for name in (ink, ground))
+    assert (light + 0.05) / (dark + 0.05) >= (4.5 if ground == "card" else 4.0)

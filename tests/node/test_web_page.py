@@ -120,11 +120,8 @@ def until(question: Callable[[], T]) -> T:
 
 
 def shown(browser: webdriver.Chrome, selector: str) -> str:
-    return str(
-        browser.execute_script(
-            "return document.querySelector(arguments[0])?.innerText ?? ''", selector
-        )
-    )
+    script = "return document.querySelector(arguments[0])?.innerText ?? ''"
+    return str(browser.execute_script(script, selector)).replace("\xa0", " ")
 
 
 def level(browser: webdriver.Chrome, sensor: str) -> float:

@@ -101,6 +101,7 @@ export class BirdsEye {
   drawPoints(context, origin, scale) {
     if (!this.scan) return;
     const { x, y } = this.scan;
+    const size = this.range > 100 ? 2.2 : 3.2;
     const { from, to } = COLOURS[this.mode];
     const values = this.mode === "rcs" ? this.scan.rcs : radialSpeeds(this.scan);
     const paths = Array.from({ length: SHADES }, () => new Path2D());
@@ -109,8 +110,8 @@ export class BirdsEye {
       const path = paths[Math.max(0, Math.min(SHADES - 1, shade))];
       const column = origin.x - (y[i] / 10) * scale;
       const row = origin.y - (x[i] / 10) * scale;
-      path.moveTo(column + 3.2, row);
-      path.arc(column, row, 3.2, 0, 2 * Math.PI);
+      path.moveTo(column + size, row);
+      path.arc(column, row, size, 0, 2 * Math.PI);
     }
     paths.forEach((path, shade) => {
       context.fillStyle = shadeOf(this.mode, (shade + 0.5) / SHADES);
@@ -129,7 +130,7 @@ export class BirdsEye {
     context.fillStyle = TEXT;
     context.textBaseline = "bottom";
     context.textAlign = "left";
-    context.fillText(`${from} to ${to} ${unit}`, left, top - 3);
+    context.fillText(`−${-from} to ${to} ${unit}`, left, top - 3);
     context.textAlign = "right";
     context.fillText(`${this.scan?.x.length ?? 0} points`, width - 10, height - 6);
   }

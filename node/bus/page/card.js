@@ -184,7 +184,7 @@ function wordsOf(verdict, { kind }) {
 
 function injectedText({ injected }) {
   const parts = Object.entries(injected ?? {}).map(
-    ([kind, level]) => `${kind.replaceAll("_", " ")} ${Math.round(level)} %`,
+    ([kind, level]) => `${kind.replaceAll("_", " ")} ${Math.round(level)}\u00a0%`,
   );
   return parts.length ? `injected: ${parts.join(", ")}` : "";
 }
