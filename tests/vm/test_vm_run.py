@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 from typing import Any
 
+import numpy as np
 import pytest
 
 from drivers.ars408 import ScanAssembler
-from drivers.can_frames import CanFrames
+from drivers.can_frames import CanFrames, concatenate
 from drivers.candump import read_candump, write_candump
 from drivers.scan import RadarScan
 from models.estimate.level import NoiseLevel
@@ -27,6 +28,8 @@ pytestmark = needs_machine
 
 PATIENCE_S = 120.0
 CYCLES = 40
+FULL_LOAD_NS = 250_000
+"""From frame to frame on a full bus."""
 
 
 class Run:
@@ -54,6 +57,13 @@ class Run:
             time.sleep(0.05)
         assert len(self.levels) >= count, self.pipeline.summary()
 
+    def wait_until(self, condition: Callable[[dict[str, Any]], bool]) -> None:
+        """Wait until the counts so far meet a condition."""
+        give_up = time.monotonic() + PATIENCE_S
+        while not condition(self._counts()) and time.monotonic() < give_up:
+            time.sleep(0.05)
+        assert condition(self._counts()), self._counts()
+
     def states(self) -> list[str]:
         self.events.close()
         return [event.state for event in self.events]
@@ -63,7 +73,11 @@ class Run:
         self._thread.join(30)
         assert not self._thread.is_alive()
         self.scans.close()
-        return next(iter(self.pipeline.summary()["sensors"].values()))
+        return self._counts()
+
+    def _counts(self) -> dict[str, Any]:
+        counts: dict[str, Any] = next(iter(self.pipeline.summary()["sensors"].values()))
+        return counts
 
 
 @pytest.fixture
@@ -93,9 +107,9 @@ def ip(state: str) -> None:
     subprocess.run(["ip", "link", "set", "vcan0", state], check=True)
 
 
-def play(log: Path) -> None:
+def play(log: Path, *options: str, bus: str = "vcan0") -> None:
     """Replay a log by the time of its frames."""
-    subprocess.run(["canplayer", "-I", str(log), "vcan0=can0"], check=True)
+    subprocess.run(["canplayer", "-I", str(log), *options, f"{bus}=can0"], check=True)
 
 
 def scans_of(log: Path) -> list[RadarScan]:
@@ -124,6 +138,55 @@ def test_every_scan_of_a_replayed_log_arrives_with_the_kernels_stamps(
     assert counts["frames_lost"] == counts["cycles_lost"] == counts["dropped_by_source"] == 0
     assert counts["failures"] == 0
     assert abs(time.time_ns() - got[-1].stamp_ns) < PATIENCE_S * 1e9
+
+
+def test_at_the_full_load_of_a_bus_no_frame_is_lost(data: Path, tmp_path: Path) -> None:
+    recorded = data / "radar" / "nuscenes_mini" / "scene-0061.log"
+    frames = concatenate(list(read_candump(recorded)))
+    log = tmp_path / "full.log"
+    write_candump(log, [replace(frames, stamp_ns=np.arange(len(frames)) * FULL_LOAD_NS)])
+    run = Run({"name": "radar", "type": "radar", "source": "vcan0"})
+    play(log, "-g", "1")
+    expected = scans_of(log)
+    run.wait_until(lambda counts: counts["received"] >= len(expected))
+    counts = run.close()
+    assert counts["received"] == len(expected)
+    assert counts["estimated"] + counts["dropped_by_queue"] == len(expected)
+    assert counts["frames_lost"] == counts["cycles_lost"] == counts["dropped_by_source"] == 0
+    assert counts["failures"] == 0
+    assert {scan.stamp_source for scan in run.scans} == {"kernel"}
+
+
+@pytest.fixture
+def interface() -> Iterator[str]:
+    """A CAN interface of this test's own."""
+    name = "vcan9"
+    link("add", "dev", name, "type", "vcan")
+    link("set", name, "up")
+    yield name
+    subprocess.run(["ip", "link", "del", name], check=False, capture_output=True)
+
+
+def link(*arguments: str) -> None:
+    subprocess.run(["ip", "link", *arguments], check=True)
+
+
+def test_an_interface_that_is_pulled_out_is_waited_for(interface: str, log: Path) -> None:
+    run = Run({"name": "radar", "type": "radar", "source": interface})
+    play(log, bus=interface)
+    run.wait_for(CYCLES - 5)
+    link("del", interface)
+    run.wait_until(lambda counts: "lost" in counts.get("events", {}))
+    link("add", "dev", interface, "type", "vcan")
+    link("set", interface, "up")
+    time.sleep(2.5)  # it tries again every two seconds at least
+    before = len(run.levels)
+    play(log, bus=interface)
+    run.wait_for(before + CYCLES // 2)
+    counts = run.close()
+    states = run.states()
+    assert "ok" in states[states.index("lost") :]
+    assert counts["dropped_by_source"] == counts["failures"] == 0
 
 
 @pytest.mark.usefixtures("up")
