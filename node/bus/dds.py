@@ -39,12 +39,16 @@ except ImportError:
 
 MAX_DOMAIN = 232
 """Beyond it the ports of RTPS (7400 + 250 × domain) do not exist."""
-LOOPBACK = """<CycloneDDS><Domain Id="any">
+_LOOPBACK = """<CycloneDDS><Domain Id="any">
 <General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces></General>
 <Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
 <Peers><Peer Address="127.0.0.1"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
 """As ROS 2 discovers with ``ROS_LOCALHOST_ONLY``: by the ports of this computer, no multicast."""
+_LINGER = """<CycloneDDS><Domain Id="any">
+<Internal><WriterLingerDuration>100 ms</WriterLingerDuration></Internal>
+</Domain></CycloneDDS>"""
+"""How long each topic's end waits for a reader that has stopped reading."""
 _BLOCK_NS = 10_000_000
 """How long a reliable write may wait for a reader that does not keep up."""
 
@@ -70,8 +74,8 @@ RELIABLE = Qos(
 )
 """What ROS 2 takes by default."""
 
-_open_domains: WeakValueDictionary[int, Any] = WeakValueDictionary()
-"""Loopback domains of this process: DDS opens a domain once, however many take part."""
+_open_domains: WeakValueDictionary[tuple[int, bool], Any] = WeakValueDictionary()
+"""Domains of this process, by number and ``network``: however many take part, each opens once."""
 
 
 def domain_id(wanted: int | None) -> int:
@@ -122,7 +126,7 @@ class RosParticipant:
 
     def __init__(self, domain: int, *, network: bool) -> None:
         try:
-            self._domain = None if network else _loopback_domain(domain)
+            self._domain = _open_domain(domain, network)
             enclave = Policy.Userdata(b"enclave=/;")  # by which ROS 2 knows its own
             self.dds: Any = DomainParticipant(domain, Qos(enclave))
         except DDSException as error:
@@ -217,10 +221,11 @@ class RosWaiter:
         self._waitset = None
 
 
-def _loopback_domain(domain: int) -> Any:
-    found = _open_domains.get(domain)
+def _open_domain(domain: int, network: bool) -> Any:
+    found = _open_domains.get((domain, network))
     if found is None:
-        found = _open_domains[domain] = Domain(domain, LOOPBACK)
+        how = os.environ.get("CYCLONEDDS_URI", "") if network else _LOOPBACK
+        found = _open_domains[domain, network] = Domain(domain, f"{how},{_LINGER}".strip(","))
     return found
 
 
