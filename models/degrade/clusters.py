@@ -88,6 +88,11 @@ class Clusters:
         cell of the grid. The running maximum keeps that order.
         """
         distance, order = self.range, self.order
+        near = len(self) - int(np.count_nonzero(self.far))
+        if self.far[near:].all():  # as the sensor sends them
+            np.maximum.accumulate(distance[:near], out=order[:near])
+            np.maximum.accumulate(distance[near:], out=order[near:])
+            return
         for part in (~self.far, self.far):
             order[part] = np.maximum.accumulate(distance[part])
 

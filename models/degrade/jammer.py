@@ -111,7 +111,7 @@ def apply(jammer: Jammer, scan: RadarScan, *, sensor: RadarSensor = ARS408) -> R
     if jammer.kind == "deception":
         _pull(jammer, clusters)
     else:
-        _raise_floor(clusters, _floor_db(jammer, clusters.azimuth), generator)
+        _raise_floor(clusters, _floor_db(jammer, clusters), generator)
         _burst(jammer, clusters, generator)
     return clusters.sent()
 
@@ -123,14 +123,14 @@ def marked(jammer: Jammer, state: RadarState) -> RadarState:
     return replace(state, values=state.values | {"RadarState_Interference": 1.0})
 
 
-def _floor_db(jammer: Jammer, azimuth: FloatArray) -> float | FloatArray:
-    """Return how far the floor rises toward each azimuth (rad): a Gaussian beam in a sector.
+def _floor_db(jammer: Jammer, clusters: Clusters) -> float | FloatArray:
+    """Return how far the floor rises toward each cluster: a Gaussian beam in a sector.
 
     Chirps that cross raise it alike everywhere.
     """
     if jammer.kind == "interference":
         return jammer.floor_db
-    away = (np.degrees(azimuth) - jammer.azimuth_deg) / _SECTOR_STD_DEG
+    away = (np.degrees(clusters.azimuth) - jammer.azimuth_deg) / _SECTOR_STD_DEG
     return np.asarray(jammer.floor_db * np.exp(-(away**2) / 2))
 
 
@@ -143,7 +143,10 @@ def _raise_floor(
     strength = 100 * (1 - 10 ** (-floor_db / 10))
     kept = ~is_missed(margin, strength, floor_db, generator.standard_normal(len(clusters)))
     clusters.keep(kept)
-    growth = std_growth(floor_db[kept] if isinstance(floor_db, np.ndarray) else floor_db)
+    if isinstance(floor_db, np.ndarray):
+        growth: float | FloatArray = std_growth(floor_db[kept])
+    else:
+        growth = float(std_growth(floor_db))
     jitter(clusters, growth, generator.standard_normal((3, len(clusters))))
 
 
