@@ -93,6 +93,10 @@ def test_the_radar_alone_reports_what_moves_once_and_nothing_else() -> None:
     assert RadarOnly()(frame(), scan()).shape == (0, 2)
 
 
+def test_two_that_pass_each_other_are_two() -> None:
+    assert len(RadarOnly()(frame(), scan(*ROADSIDE, (30.0, 0.0, 12.0), (31.0, 2.0, -12.0)))) == 2
+
+
 def test_places_are_told_for_the_frame_s_moment() -> None:
     seen = scan(*ROADSIDE, (40.0, -3.0, -15.0))
     early, late = (RadarOnly()(frame(t), seen)[0] for t in (0, 50_000_000))

@@ -108,6 +108,12 @@ def test_silence_is_not_waited_for_and_recovery_is() -> None:
     assert "camera is stale: 0.60 s without a level" in choice.reason
 
 
+def test_silence_does_not_wait_for_the_dwell_of_the_change_before() -> None:
+    radar_ends: list[Step] = [("camera", 90.0, TENTH)] * 7
+    choices = play(Chooser(switch(dwell_s=60.0)), [*both(0), *both(90), *radar_ends])
+    assert [choice.model for _, choice in choices] == ["both", "radar_only", "camera_only"]
+
+
 def test_back_from_silence_only_after_the_dwell() -> None:
     chooser = Chooser(switch(dwell_s=2.0))
     gone = [*both(0), *[("radar", 0.0, TENTH)] * 7]
@@ -143,6 +149,7 @@ def test_a_clock_that_goes_back_changes_nothing() -> None:
     chooser.update(noise_level("camera", 0), 10 * SECOND)
     chooser.update(noise_level("radar", 0), 10 * SECOND)
     assert chooser.update(noise_level("camera", 5), 0) is None
+    assert chooser.update(noise_level("radar", 5), 10 * SECOND + TENTH) is None
     assert chooser.model == "both"
 
 
