@@ -11,10 +11,20 @@ from typing import Any, BinaryIO
 from uuid import uuid4
 
 from mcap.writer import CompressionType, Writer
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2.metadata import dump_qos_v8
 
 from dbc.errors import InputError
 from drivers.frame import Frame
 from drivers.scan import RadarScan
+from node.bus.in_process import KEEP_LAST
 from node.bus.inbox import Published
 from node.bus.messages import RosMessage, info_to_ros, to_ros, typestore
 from node.scene import Scene
@@ -24,6 +34,24 @@ METADATA = "murk"
 """Name of the metadata record that says what ran: see ``docs/recording.md``."""
 _WRAP = 1 << 32
 """MCAP counts messages in 32 bits."""
+
+
+_NO_TIME = QosTime(0, 0)
+_LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    deadline=_NO_TIME,
+    lifespan=_NO_TIME,
+    liveliness=QosLiveliness.SYSTEM_DEFAULT,
+    liveliness_lease_duration=_NO_TIME,
+    avoid_ros_namespace_conventions=False,
+)
+"""What the topics have over DDS, so that a player of the file offers the same."""
+_SENSOR_DATA = _LATCHED._replace(
+    depth=KEEP_LAST, reliability=QosReliability.BEST_EFFORT, durability=QosDurability.VOLATILE
+)
 
 
 def part_path(path: Path, part: int) -> Path:
@@ -95,7 +123,10 @@ class McapWriter:
         channel = self._channels.get(topic)
         if channel is None:
             schema = self._schemas.get(ros.type_name) or self._register(ros.type_name)
-            channel = self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
+            qos = _SENSOR_DATA if isinstance(published.message, Frame | RadarScan) else _LATCHED
+            channel = self._channels[topic] = self._writer.register_channel(
+                topic, "cdr", schema, {"offered_qos_profiles": dump_qos_v8([qos])}
+            )
         count = self._counts[topic] = self._counts.get(topic, -1) + 1
         message = published.message
         self._writer.add_message(

@@ -104,6 +104,7 @@ def test_rosbags_reads_it_by_the_schemas_in_the_file(tmp_path: Path) -> None:
     path = tmp_path / "drive.mcap"
     record(scene_plan(path), published(3, {"snr": 60.0}))
     with AnyReader([path]) as reader:
+        qos = {one.topic: one.ext.offered_qos_profiles[0] for one in reader.connections}
         levels = [
             reader.deserialize(cdr, connection.msgtype)
             for connection, _, cdr in reader.messages()
@@ -111,6 +112,13 @@ def test_rosbags_reads_it_by_the_schemas_in_the_file(tmp_path: Path) -> None:
         ]
     assert [one.level for one in levels] == [level(scan(0)).level] * 3
     assert levels[0].injected_kinds == ["snr"]
+    level_qos, scan_qos = qos["/murk/front/noise_level"], qos["/murk/front/scan"]
+    assert (level_qos.reliability.name, level_qos.durability.name, level_qos.depth) == (
+        "RELIABLE", "TRANSIENT_LOCAL", 1,
+    )  # fmt: skip
+    assert (scan_qos.reliability.name, scan_qos.durability.name, scan_qos.depth) == (
+        "BEST_EFFORT", "VOLATILE", 5,
+    )  # fmt: skip
 
 
 def test_scans_and_images_are_left_out_where_the_scene_says_so(tmp_path: Path) -> None:

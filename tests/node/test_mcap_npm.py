@@ -13,6 +13,7 @@ import pytest
 
 from tests.node.recordings import frame, level, published, record, scan, scene_plan
 
+OLDEST_NODE = 20
 NPM = Path(__file__).parents[1] / "npm"
 
 
@@ -21,6 +22,9 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the program that reads MCAP, with its packages installed beside it."""
     if not (shutil.which("node") and shutil.which("npm")):
         pytest.skip("no node and npm")
+    version = subprocess.run(["node", "--version"], capture_output=True, text=True).stdout
+    if int(version.lstrip("v").split(".")[0]) < OLDEST_NODE:
+        pytest.skip(f"node {version.strip()} is too old for @foxglove/rosmsg2-serialization")
     folder = tmp_path_factory.mktemp("npm")
     for file in NPM.iterdir():
         if file.is_file():
