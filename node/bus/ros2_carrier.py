@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from threading import Thread
+from time import monotonic
 from typing import Any
 
 from node.bus.in_process import KEEP_LAST, Bus
-from node.bus.inbox import Inbox
+from node.bus.inbox import Inbox, Published
 from node.bus.ros2_publication import Publication
 
 CYCLE_S = 0.05
-"""How long a reader that has come waits for the last value at most."""
+"""How long a reader that has come waits for the last value, and a request to be heard, at most."""
 JOIN_S = 2.0
 
 
@@ -22,8 +23,8 @@ class Carrier:
     ----------
     publications:
         By topic of the bus.
-    beside:
-        Called in the same thread at least every ``CYCLE_S`` with the messages that were just sent.
+    every_cycle:
+        Called in the same thread every ``CYCLE_S`` with the messages that were sent meanwhile.
 
     Attributes
     ----------
@@ -35,11 +36,12 @@ class Carrier:
         self,
         bus: Bus,
         publications: Mapping[str, Sequence[Publication]],
-        beside: Callable[[list[Any]], None] | None = None,
+        every_cycle: Callable[[list[Any]], None] | None = None,
     ) -> None:
         self.publications = [one for several in publications.values() for one in several]
         self._by_source = publications
-        self._beside = beside
+        self._every_cycle = every_cycle
+        self._sent: list[Any] = []
         self._inbox = Inbox(bus, dict.fromkeys(publications, KEEP_LAST), lossless=False)
         self._thread = Thread(target=self._run, name="murk-ros2", daemon=True)
         self._thread.start()
@@ -57,15 +59,24 @@ class Carrier:
             one.close()
 
     def _run(self) -> None:
+        due_s = monotonic()
         while not self._inbox.closed:
-            self._send(self._inbox.take(CYCLE_S))
+            self._send(self._inbox.take(max(0.0, due_s - monotonic())))
+            if monotonic() >= due_s:
+                due_s = monotonic() + CYCLE_S
+                self._cycle()
         self._send(self._inbox.take(0))
+        self._cycle()
 
-    def _send(self, taken: Sequence[Any]) -> None:
+    def _send(self, taken: Sequence[Published]) -> None:
         for published in taken:
             for one in self._by_source[published.topic]:
                 one.send(published.message)
+            self._sent.append(published.message)
+
+    def _cycle(self) -> None:
         for one in self.publications:
             one.flush()
-        if self._beside is not None:
-            self._beside([published.message for published in taken])
+        sent, self._sent = self._sent, []
+        if self._every_cycle is not None:
+            self._every_cycle(sent)
