@@ -35,7 +35,6 @@ METADATA = "murk"
 _WRAP = 1 << 32
 """MCAP counts messages in 32 bits."""
 
-
 _NO_TIME = QosTime(0, 0)
 _LATCHED = Qos(
     QosHistory.KEEP_LAST,
@@ -184,9 +183,14 @@ class McapWriter:
         path = part_path(self._settings.path, self.parts)
         self._file: BinaryIO = path.open("xb")
         self._writer = Writer(self._file, compression=CompressionType.ZSTD)
-        self._writer.start("ros2", library=f"murk {self._about['version']}")
-        self._writer.add_metadata(METADATA, {**self._about, "part": str(self.parts)})
-        self._file.flush()
+        try:
+            self._writer.start("ros2", library=f"murk {self._about['version']}")
+            self._writer.add_metadata(METADATA, {**self._about, "part": str(self.parts)})
+            self._file.flush()
+        except OSError:
+            self.abandon()
+            path.unlink()
+            raise
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._counts: dict[str, int] = {}

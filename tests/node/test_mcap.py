@@ -189,6 +189,17 @@ def test_a_bad_place_is_refused_in_one_line_and_nothing_is_lost(
     assert (tmp_path / "taken.mcap").read_bytes() == b"precious"
 
 
+def test_a_disk_that_is_full_from_the_start_is_refused_and_left_clean(tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    try:
+        with Bus() as bus, pytest.raises(InputError, match="File too large"):
+            McapRecorder(scene_plan(tmp_path / "drive.mcap"), bus)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_message_that_ros_cannot_say_is_counted_and_the_others_are_recorded(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
