@@ -170,6 +170,22 @@ def test_the_parts_of_a_recording_replay_as_one(tmp_path: Path) -> None:
         assert [message.sequence for message in source.messages()] == [0, 1, 2, 3], sensor.name
 
 
+def test_a_replay_of_a_radar_loads_nothing_for_cameras(tmp_path: Path) -> None:
+    path = tmp_path / "drive.mcap"
+    messages = [one for one in published(3) if one[0].startswith("/murk/front")]
+    record(scene_plan(path), messages)
+    made = plan(build_scene(path))
+    assert set(made.libraries) == {"mcap", "onnxruntime", "rosbags"}
+    program = (
+        "import sys; from node.cli import app; app(sys.argv[1:], standalone_mode=False);"
+        "sys.exit(bool({'cv2', 'av'} & set(sys.modules)))"
+    )
+    command = [sys.executable, "-c", program, "run", str(path), "--fast", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count('"noise_level"') == 3
+
+
 def test_a_message_whose_level_was_not_recorded_is_replayed_all_the_same(tmp_path: Path) -> None:
     path = tmp_path / "drive.mcap"
     scans = [scan(number) for number in range(3)]
