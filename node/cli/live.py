@@ -129,6 +129,9 @@ def print_summary(summary: dict[str, Any]) -> None:
     for name, text in _ROWS.items():
         table.add_row(name, *(text(counts) for counts in summary["sensors"].values()))
     console.print(table)
+    for name, counts in summary.get("outputs", {}).items():
+        words = ", ".join(f"{key} {value}" for key, value in counts.items())
+        console.print(f"{name}: {words}", highlight=False, markup=False)
     if "picture" in summary:
         console.print(f"picture: {summary['picture']}")
 
