@@ -7,7 +7,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
-from socket import inet_ntoa
+from socket import if_nameindex, inet_ntoa
 from typing import Any
 
 import numpy as np
@@ -387,6 +387,16 @@ def test_what_is_sent_leaves_by_loopback(domain: int) -> None:
     well_known = range(7400 + 250 * domain, 7400 + 250 * domain + 250)
     sending = {address for address, port in opened if port not in well_known}
     assert sending == {"127.0.0.1"}
+
+
+def test_the_scene_opens_the_network(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    if len(if_nameindex()) < 2:
+        pytest.skip("this computer has no interface but loopback")
+    monkeypatch.delenv("CYCLONEDDS_URI", raising=False)
+    before = udp_addresses()
+    with Bus() as bus, closing(open_output(bus, domain, network=True)):
+        opened = udp_addresses() - before
+    assert {address for address, _ in opened} - {"127.0.0.1", "0.0.0.0"}
 
 
 def udp_addresses() -> set[tuple[str, int]]:
