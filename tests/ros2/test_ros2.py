@@ -17,7 +17,15 @@ pytest.importorskip("cyclonedds", reason="needs the extra 'ros2'")
 
 from dbc.errors import InputError, SceneError
 from drivers.frame import Frame
-from node.bus.dds import LATCHED, RELIABLE, SENSOR_DATA, RosParticipant, domain_id, ros_name
+from node.bus.dds import (
+    LATCHED,
+    RELIABLE,
+    SENSOR_DATA,
+    RosParticipant,
+    domain_id,
+    node_name,
+    ros_name,
+)
 from node.bus.in_process import Bus
 from node.bus.messages import (
     InjectionRequest,
@@ -176,6 +184,18 @@ def test_names_are_joined_as_ros_joins_them() -> None:
     assert ros_name("", "/murk/a") == "/murk/a"
     assert ros_name("/x/", "/murk/a") == "/x/murk/a"
     assert ros_name("x/y", "node/transition_event") == "/x/y/node/transition_event"
+
+
+def test_a_scene_of_any_name_is_a_node_of_ros() -> None:
+    assert node_name("tunnel_2") == "murk_tunnel_2"
+    assert node_name("Überholen, bei Nacht!") == "murk__berholen__bei_Nacht_"
+
+
+def test_a_domain_is_not_opened_to_the_network_behind_anybodys_back(domain: int) -> None:
+    inside = RosParticipant(domain, network=False)
+    with pytest.raises(InputError, match=f"DDS domain {domain}: cannot be joined"):
+        RosParticipant(domain, network=True)
+    inside.close()
 
 
 def test_scans_and_images_are_rebuilt_from_what_is_sent(bus: Bus, domain: int) -> None:
