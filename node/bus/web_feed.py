@@ -126,13 +126,14 @@ class Feed:
     def __init__(self, plan: Plan, bus: Bus) -> None:
         self._bus = bus
         self._start_s = monotonic()
+        sources = {one.sensor: one.reason for one in plan.stages if one.name == "source"}
         self._scene = {
             "name": plan.scene.name,
             "sensors": [
                 {
                     "name": sensor.name,
                     "type": sensor.type,
-                    "source": sensor.source,
+                    "source": sources[sensor.name],
                     "kinds": KINDS[sensor.type] if plan.keeps("inject", sensor.name) else [],
                 }
                 for sensor in plan.scene.sensors

@@ -506,3 +506,4 @@ def test_the_scene_says_which_sensors_have_buttons() -> None:
         scene = Feed(view_plan(), bus).full(0)["scene"]
     assert NOISE["kind"] in scene["sensors"][1]["kinds"]
     assert scene["sensors"][0]["kinds"] == []
+    assert scene["sensors"][0]["source"] == "the simulated world"

@@ -87,7 +87,7 @@ export class BirdsEye {
   /** Name every other ring where it leaves the field of view, clear of most points. */
   nameRings(context, origin, scale, width) {
     context.fillStyle = TEXT;
-    context.font = `12px ${FONT}`;
+    context.font = `13px ${FONT}`;
     context.textAlign = "left";
     context.textBaseline = "middle";
     for (let metres = 2 * RINGS[this.range]; metres <= this.range; metres += 2 * RINGS[this.range]) {

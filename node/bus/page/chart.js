@@ -54,7 +54,7 @@ export class Chart {
   }
 
   drawGrid(context, x, y, now, width) {
-    context.font = `12px ${FONT}`;
+    context.font = `13px ${FONT}`;
     context.fillStyle = colour("muted");
     context.lineWidth = 1;
     context.textBaseline = "middle";
