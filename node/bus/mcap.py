@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from threading import Thread
-from time import monotonic, time_ns
+from time import monotonic, sleep, time_ns
 from typing import Any
 
 from node.bus.in_process import Bus
@@ -19,6 +19,8 @@ log = logging.getLogger("murk.record")
 
 FLUSH_S = 0.4
 """How often a chunk is ended and brought onto the disk; a message waits for it twice at most."""
+GATHER_S = 0.05
+"""Pause before the queue is emptied: messages gather, and cost half as much together."""
 DEPTH = 256
 IMAGE_DEPTH = 8
 """Messages of a topic that wait for the disk at most; images are large."""
@@ -45,6 +47,7 @@ class McapRecorder:
         self._path = scene.outputs.record.path if scene.outputs.record else None
         self._failed = 0
         self._stopped: str | None = None
+        self._gather_s = 0.0 if scene.clock.fast else GATHER_S
         self._inbox = Inbox(bus, dict(_depths(scene)), lossless=scene.clock.fast)
         self._thread = Thread(target=self._record, name="murk-record", daemon=True)
         self._thread.start()
@@ -87,6 +90,8 @@ class McapRecorder:
         flushed_s, last = monotonic(), False
         while not last:
             last = self._inbox.closed
+            if not last:
+                sleep(self._gather_s)
             for published in self._inbox.take(FLUSH_S):
                 self._write(published)
                 if monotonic() - flushed_s >= FLUSH_S:
