@@ -44,7 +44,7 @@ _LOOPBACK = """<CycloneDDS><Domain Id="any">
 <Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
 <Peers><Peer Address="127.0.0.1"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
-"""As ROS 2 discovers with ``ROS_LOCALHOST_ONLY``: by the ports of this computer, no multicast."""
+"""As ROS 2 does with ``ROS_LOCALHOST_ONLY``: who else is there is found by trying its ports."""
 _LINGER = """<CycloneDDS><Domain Id="any">
 <Internal><WriterLingerDuration>100 ms</WriterLingerDuration></Internal>
 </Domain></CycloneDDS>"""
@@ -92,7 +92,7 @@ def domain_id(wanted: int | None) -> int:
             raise InputError(f"DDS domain {wanted}", "does not exist", expected)
         return wanted
     text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
-    if not (text.isascii() and text.isdigit()) or int(text) > MAX_DOMAIN:
+    if not re.fullmatch(r"[0-9]{1,9}", text) or int(text) > MAX_DOMAIN:
         raise InputError("ROS_DOMAIN_ID", f"'{text}' is no DDS domain", expected)
     return int(text)
 

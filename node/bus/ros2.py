@@ -138,5 +138,5 @@ class Ros2Output:
                 log.exception("beside the levels something failed; further failures are counted")
 
     def _say(self, detail: str) -> None:
-        log.warning("%s", detail)
+        log.info("%s", detail)
         self._bus.publish(EVENT_TOPIC, NodeEvent("ros2", time.time_ns(), detail))
