@@ -50,14 +50,9 @@ class Access:
         """Compare with the token, in a time that does not depend on where they differ."""
         return self._token is None or _equal(token, self._token)
 
-    def allows(self, cookie: str | None, authorization: str | None) -> bool:
-        """Tell whether a cookie or an ``Authorization: Bearer`` header shows the token."""
-        if self._token is None:
-            return True
-        scheme, _, given = (authorization or "").partition(" ")
-        if scheme.lower() == "bearer" and self.allows_token(given.strip()):
-            return True
-        return _equal(cookie or "", self.cookie)
+    def allows_cookie(self, cookie: str) -> bool:
+        """Tell whether a cookie shows that the token was known, or none is asked for."""
+        return self._token is None or _equal(cookie, self.cookie)
 
     @property
     def cookie(self) -> str:

@@ -122,24 +122,28 @@ class PageServer:
             return
         if "token" in request.query:
             self._check_token(request.query["token"], address)
+            found = web.HTTPSeeOther("/")
+            found.set_cookie(
+                self._access.cookie_name, self._access.cookie, httponly=True, samesite="Lax"
+            )
+            raise found
+        if self._access.allows_cookie(request.cookies.get(self._access.cookie_name, "")):
             return
-        cookie = request.cookies.get(self._access.cookie_name)
-        if not self._access.allows(cookie, request.headers.get("Authorization")):
+        scheme, _, token = request.headers.get("Authorization", "").partition(" ")
+        if scheme.lower() != "bearer":
             raise self._ask_for_token()
+        self._check_token(token.strip(), address)
 
     def _check_token(self, token: str, address: str) -> None:
-        """Raise a redirect to the page, with the cookie, or the page that asks for the token."""
-        if not self._guesses.allows(address):
+        """Raise the HTTP error of a wrong token, or of too many."""
+        if self._guesses.exhausted(address):
             self._deny("too_many", f"{address} shows too many tokens")
             raise web.HTTPTooManyRequests(text="too many tokens; wait a little\n")
-        if not self._access.allows_token(token):
-            self._deny("denied", f"{address} showed a wrong token")
-            raise self._ask_for_token()
-        found = web.HTTPSeeOther("/")
-        found.set_cookie(
-            self._access.cookie_name, self._access.cookie, httponly=True, samesite="Lax"
-        )
-        raise found
+        if self._access.allows_token(token):
+            return
+        self._guesses.allows(address)
+        self._deny("denied", f"{address} showed a wrong token")
+        raise self._ask_for_token()
 
     def _ask_for_token(self) -> web.HTTPUnauthorized:
         text = self._files["/token.html"].read_text(encoding="utf-8")

@@ -358,7 +358,7 @@ def test_a_token_is_asked_for_and_then_kept_in_a_cookie() -> None:
                     await news(viewer, "update")
 
         asyncio.run(run())
-        assert view.counts()["denied"] == 1
+        assert view.counts()["denied"] == 2
 
 
 def test_tokens_cannot_be_guessed_in_a_row_nor_requests_made_without_end() -> None:
@@ -367,6 +367,7 @@ def test_tokens_cannot_be_guessed_in_a_row_nor_requests_made_without_end() -> No
         assert answers[: int(web_server.GUESSES_BURST)] == [401] * int(web_server.GUESSES_BURST)
         assert answers[-1] == 429
         assert ask(view, "?token=correct+horse")[0] == 429
+        assert ask(view, headers={"Authorization": f"Bearer {SECRET}"})[0] == 429
 
         async def run() -> list[int]:
             async with aiohttp.ClientSession() as session:
