@@ -23,7 +23,7 @@ BUS_TIMEOUT_S = 0.2
 SHORTEST_GATHER_S, LONGEST_GATHER_S = 0.002, 0.06
 """Pause after a read: frames gather, and cost less together than one by one."""
 SHORTEST_FRAME_S = 222e-6
-"""A frame with 8 bytes at 500 kbit/s, 111 bits."""
+"""A frame with 8 bytes at 500 kbit/s, 111 bits: no radar sends faster, but a recording may."""
 FIRST_RETRY_S = 0.1
 LONGEST_RETRY_S = 2.0
 FROZEN_FRAMES = 10
@@ -46,15 +46,21 @@ class Lost:
         self.frame = frame
 
 
-def gather_s(missing: int) -> float:
+def gather_s(missing: int, frames: CanFrames) -> float:
     """Return how long to let frames gather before the next read, s.
 
     Parameters
     ----------
     missing:
         How many frames have to come before there is a scan: nobody waits for them one by one.
+    frames:
+        What came last; it shows how fast they come.
     """
-    return min(LONGEST_GATHER_S, SHORTEST_GATHER_S + missing * SHORTEST_FRAME_S)
+    if len(frames) < 2:
+        return SHORTEST_GATHER_S
+    span_s = float(frames.stamp_ns[-1] - frames.stamp_ns[0]) * 1e-9
+    spacing_s = min(max(span_s / (len(frames) - 1), 0.0), SHORTEST_FRAME_S)
+    return min(LONGEST_GATHER_S, SHORTEST_GATHER_S + missing * spacing_s)
 
 
 class CanBusSource:
@@ -99,7 +105,7 @@ class CanBusSource:
                     yield batch
                 else:
                     yield from assembler.feed(batch)
-                    self._stop.wait(gather_s(assembler.missing))
+                    self._stop.wait(gather_s(assembler.missing, batch))
         finally:
             if self._motion is not None:
                 self._motion.close()

@@ -16,9 +16,9 @@ stamp of a frame to when the frame in its place had been sent. A scan that is ch
 until it is complete; from its first to its last frame that takes 62.5 ms on a full bus, and a
 cycle is 72 ms. So is the first scan with low latency.
 
-On the micro-machine's SocketCAN, where Python is some twenty times slower, the same lines are
-printed by `python -m tests.vm.machine -- .venv/bin/murk bench bus --quick`, and kept in
-[bus-socketcan.txt](bus-socketcan.txt): ratios and losses are what counts there.
+On the micro-machine's SocketCAN, where Python is some twenty times slower, the receivers' lines
+are printed by `python -m tests.vm.machine -- .venv/bin/pytest tests/vm/test_vm_bench.py` and kept
+in [bus-socketcan.txt](bus-socketcan.txt): ratios and losses are what counts there.
 """
 
 from __future__ import annotations
@@ -196,7 +196,7 @@ def _read_gathered(receiver: socket.socket) -> Callable[[], int]:
         select.select([receiver], [], [], LISTEN_S)
         frames = _received(bulk)
         assembler.feed(frames)
-        sleep(gather_s(assembler.missing))
+        sleep(gather_s(assembler.missing, frames))
         return len(frames)
 
     return read

@@ -133,8 +133,14 @@ def test_a_network_that_is_down_is_told_and_read_on(monkeypatch: pytest.MonkeyPa
     assert kinds == [RadarScan, Lost, Lost, RadarScan]
 
 
-def test_frames_gather_no_longer_than_the_scan_takes() -> None:
-    pauses_s = np.array([gather_s(missing) for missing in range(500)])
+@pytest.mark.parametrize("spacing_ns", [0, 20_000, 250_000, 10_000_000])
+def test_frames_gather_no_longer_than_the_scan_takes(spacing_ns: int) -> None:
+    frames = replace(radar_frames(0), stamp_ns=np.arange(81) * spacing_ns)
+    pauses_s = np.array([gather_s(missing, frames) for missing in range(500)])
     assert (np.diff(pauses_s) >= 0).all()
-    assert (pauses_s - pauses_s[0] <= np.arange(500) * 250e-6).all()
-    assert pauses_s.max() == LONGEST_GATHER_S
+    assert (pauses_s - pauses_s[0] <= np.arange(500) * spacing_ns * 1e-9 + 1e-9).all()
+    assert pauses_s.max() <= LONGEST_GATHER_S
+
+
+def test_a_status_frame_alone_tells_no_pace() -> None:
+    assert gather_s(250, radar_frames(0).select(slice(0, 1))) == gather_s(0, radar_frames(0))
