@@ -182,7 +182,10 @@ class McapWriter:
     def _begin(self) -> None:
         path = part_path(self._settings.path, self.parts)
         self._file: BinaryIO = path.open("xb")
-        self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+        # Images come fast: LZ4 takes a third of zstd's time for them, and two fifths more bytes.
+        images = self._settings.images
+        compression = CompressionType.LZ4 if images else CompressionType.ZSTD
+        self._writer = Writer(self._file, compression=compression)
         try:
             self._writer.start("ros2", library=f"murk {self._about['version']}")
             self._writer.add_metadata(METADATA, {**self._about, "part": str(self.parts)})

@@ -77,18 +77,21 @@ def test_what_is_published_is_in_the_file_bit_for_bit_and_in_order(tmp_path: Pat
     }  # fmt: skip
 
 
-def test_times_sequences_index_and_profile_are_as_mcap_wants_them(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("images", "compression"), [(False, "zstd"), (True, "lz4")])
+def test_times_sequences_index_and_profile_are_as_mcap_wants_them(
+    tmp_path: Path, images: bool, compression: str
+) -> None:
     path = tmp_path / "drive.mcap"
-    record(scene_plan(path), published(4))
+    record(scene_plan(path, record={"images": images}), published(4))
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         assert reader.get_header().profile == "ros2"
         summary = reader.get_summary()
         assert summary is not None
-        assert {chunk.compression for chunk in summary.chunk_indexes} == {"zstd"}
+        assert {chunk.compression for chunk in summary.chunk_indexes} == {compression}
         assert all(chunk.message_index_offsets for chunk in summary.chunk_indexes)
         assert summary.statistics is not None
-        assert summary.statistics.message_count == 4 * 6
+        assert summary.statistics.message_count == 4 * (6 if images else 4)
         texts = {schema.name: schema.data.decode() for schema in summary.schemas.values()}
         assert "MSG: std_msgs/Header" in texts["murk_msgs/msg/NoiseLevel"]
         rows = [

@@ -47,18 +47,22 @@ def read(reader: Path, *arguments: object) -> list[dict[str, Any]]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
+@pytest.mark.parametrize("images", [False, True], ids=["zstd", "images and lz4"])
 @pytest.mark.parametrize("cut", [False, True], ids=["whole", "cut off"])
-def test_foxglove_reads_levels_and_scans(reader: Path, tmp_path: Path, cut: bool) -> None:
+def test_foxglove_reads_levels_scans_and_images(
+    reader: Path, tmp_path: Path, images: bool, cut: bool
+) -> None:
     path = tmp_path / "drive.mcap"
-    record(scene_plan(path), published(5, {"snr": 60.0}))
+    record(scene_plan(path, record={"images": images}), published(5, {"snr": 60.0}))
     if cut:  # as a kill leaves it: no summary, the last record in part
         content = path.read_bytes()
         path.write_bytes(content[: content.rindex(b"\x0f\x04\0\0\0\0\0\0\0") - 5])
     messages = read(reader, path, *(["--stream"] if cut else []))
     levels = [one for one in messages if one["topic"] == "/murk/front/noise_level"]
     scans = [one for one in messages if one["topic"] == "/murk/front/scan"]
-    images = [one for one in messages if one["topic"] == "/murk/camera/image"]
-    assert len(levels) == len(scans) == len(images) == 5
+    frames = [one for one in messages if one["topic"] == "/murk/camera/image"]
+    assert len(levels) == len(scans) == 5
+    assert len(frames) == 5 * images
     for sequence in range(5):
         expected, value = level(scan(sequence)), levels[sequence]["value"]
         assert levels[sequence]["type"] == "murk_msgs/msg/NoiseLevel"
@@ -71,5 +75,6 @@ def test_foxglove_reads_levels_and_scans(reader: Path, tmp_path: Path, cut: bool
         points = scans[sequence]["value"]["points"]
         for name, array in scan(sequence).arrays().items():
             assert np.array_equal(np.array(points[name], array.dtype), array, equal_nan=True), name
-        pixels = np.array(images[sequence]["value"]["data"], np.uint8)
+    for sequence, one in enumerate(frames):
+        pixels = np.array(one["value"]["data"], np.uint8)
         assert np.array_equal(pixels, frame(sequence).image.reshape(-1))
