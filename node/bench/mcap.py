@@ -42,6 +42,7 @@ SEEN_S = 1.0
 """How long the simulated sensors look; what they saw is published again and again."""
 RUN_S, QUICK_S = 20.0, 3.0
 POLL_S = 0.01
+SETTLED_S = 1.0
 SHARE_GOAL = 5.0
 """Of a core, %: what levels and scans of the rig may take."""
 
@@ -141,13 +142,21 @@ def _record(schedule: list[tuple[float, str, Any]]) -> Measured:
         for due_s, topic, message in schedule:
             time.sleep(max(0.0, start_s + due_s - time.monotonic()))
             bus.publish(topic, message)
-        time.sleep(1.0)
+        _settle(recorder)
         cpu_s = time.clock_gettime(clock)
         recorder.close()
         if not images:
             ended.set()
             reader.join()
         return Measured(cpu_s, recorder.counts(), latencies_ns)
+
+
+def _settle(recorder: McapRecorder) -> None:
+    """Wait until nothing more is written."""
+    before = -1
+    while before != (written := recorder.counts()["messages"]):
+        before = written
+        time.sleep(SETTLED_S)
 
 
 def _plan(path: Path, images: bool) -> Plan:
