@@ -2,10 +2,12 @@ from __future__ import annotations
 
 import csv
 import gzip
+import hashlib
 import itertools
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -82,9 +84,17 @@ def tree(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
 
 
-def murk(*arguments: object) -> subprocess.CompletedProcess[str]:
+def digests(folder: Path) -> dict[str, str]:
+    paths = (path for path in folder.rglob("*") if path.is_file())
+    return {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in paths
+    }
+
+
+def murk(*arguments: object, timeout: float = 120) -> subprocess.CompletedProcess[str]:
     command = [*MURK, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout)
 
 
 def one_line(result: subprocess.CompletedProcess[str]) -> str:
@@ -291,26 +301,33 @@ def interrupt(command: list[str], after: int, *, workers_only: bool) -> None:
 
 
 def check_interrupted(
-    source: Path, folder: Path, arguments: list[str], workers_only: tuple[bool, ...]
+    source: Path,
+    folder: Path,
+    arguments: list[str],
+    workers_only: tuple[bool, ...],
+    timeout: float = 120,
 ) -> None:
     """Kill a run now and then; what it leaves is always whole, and in the end the same."""
     whole, parts = folder / "whole", folder / "parts"
-    assert murk(source, whole, *arguments).returncode == 0
-    expected = tree(whole)
+    result = murk(source, whole, *arguments, "--json", timeout=timeout)
+    assert result.returncode == 0
+    files = json.loads(result.stdout.splitlines()[-1])["files"]
+    expected = digests(whole)
+    shutil.rmtree(whole)
     command = [*MURK, str(source), str(parts), *arguments, "--json"]
     chance = random.Random(7)
-    share = len(json.loads((whole / ".murk" / "settings.json").read_text())["levels"])
     for only in workers_only:
-        interrupt(command, chance.randint(1, share), workers_only=only)
-        there = tree(parts)
+        interrupt(command, chance.randint(1, files // 4), workers_only=only)
+        there = digests(parts)
         finished = {name for name in there if not name.startswith(".murk/unfinished")}
         assert finished - {".murk/settings.part"} < set(expected)
         assert all(there[name] == expected[name] for name in finished)
-    result = murk(source, parts, *arguments, "--json")
+    result = murk(source, parts, *arguments, "--json", timeout=timeout)
     summary = json.loads(result.stdout.splitlines()[-1])
     assert summary["complete"]
     assert summary["skipped"] > 0
-    assert tree(parts) == expected
+    assert digests(parts) == expected
+    shutil.rmtree(parts)
 
 
 def test_killed_three_times_and_resumed_equals_uninterrupted(small: Path, tmp_path: Path) -> None:
@@ -328,6 +345,14 @@ def test_real_data_killed_and_resumed(data: Path, tmp_path: Path) -> None:
         (source / path.name).write_bytes(path.read_bytes())
     levels = ["--level=30", "--level=100"]
     check_interrupted(source, tmp_path, ["--kind", "noise", "--kind", "snr", *levels], (False,))
+
+
+@pytest.mark.skipif("MURK_WHOLE" not in os.environ, reason="half an hour; set MURK_WHOLE to run")
+@pytest.mark.parametrize("part", ["radar/nuscenes_mini", "camera/test"])
+def test_all_real_data_by_all_kinds_killed_and_resumed(
+    data: Path, tmp_path: Path, part: str
+) -> None:
+    check_interrupted(data / part, tmp_path, ["--all"], (False, False, False), timeout=7200)
 
 
 def test_ctrl_c_ends_with_a_summary(small: Path, tmp_path: Path) -> None:
