@@ -62,10 +62,11 @@ SENSOR_DATA = Qos(
 LATCHED = Qos(
     Policy.Reliability.Reliable(max_blocking_time=_BLOCK_NS),
     Policy.Durability.TransientLocal,
-    Policy.History.KeepLast(1),
+    Policy.History.KeepLast(10),
+    Policy.DurabilityService(0, Policy.History.KeepLast(1), -1, -1, -1),
     _XCDR1,
 )
-"""Reliable, and late joiners get the last value; a volatile reader matches as well."""
+"""Reliable: a reader may be ten behind, and late joiners get the last value alone."""
 RELIABLE = Qos(
     Policy.Reliability.Reliable(max_blocking_time=_BLOCK_NS),
     Policy.Durability.Volatile,
