@@ -143,13 +143,21 @@ def _is_foreign(folder: Path, name: str) -> bool:
 
 
 def _forms(path: Path, *, alone: bool) -> tuple[Form, ...]:
-    """Return what a file is: of a recording, a form for each type of its sensors."""
+    """Return what a file is: of a recording, a form for each type of its sensors.
+
+    A damaged recording in a folder may be of any: its jobs say what is wrong with it.
+    """
     if not is_recording(path.name):
         form = _form(path.name, alone=alone)
         return () if form is None else (form,)
     from node.bus.mcap_reader import open_mcap
 
-    there = set(sensor_topics(open_mcap(path)).values())
+    try:
+        there = set(sensor_topics(open_mcap(path)).values())
+    except InputError:
+        if alone:
+            raise
+        return _RECORDED
     return tuple(form for form in _RECORDED if SENSOR_TYPE[form] in there)
 
 

@@ -363,7 +363,7 @@ def test_ctrl_c_ends_with_a_summary(small: Path, tmp_path: Path) -> None:
         assert process.stdout is not None
         process.stdout.readline()
         process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=60)
+        output, errors = process.communicate(timeout=120)
     summary = json.loads(output.splitlines()[-1])
     assert process.returncode != 0
     assert "Traceback" not in errors
@@ -430,15 +430,16 @@ def test_a_bad_file_is_named_and_the_others_are_done(small: Path, tmp_path: Path
     (source / "d.pcd").write_bytes(b"no cloud")
     (source / "e.mp4").write_bytes(b"no video")
     (source / "f.log").write_bytes((small / "radar.log").read_bytes())
+    (source / "g.mcap").write_bytes(b"no recording")
     flags = ("--kind=blur", "--kind=snr", "--level=50", "--json")
     result = murk(source, tmp_path / "out", *flags)
     line = one_line(result)
     assert "a.jpg" in line
-    assert "3 other files" in line
+    assert "4 other files" in line
     *done, summary = map(json.loads, result.stdout.splitlines())
     assert {one["file"] for one in done} == {"blur_50/c.jpg", "snr_50/f.log"}
-    assert (summary["complete"], summary["left"]) == (False, 4)
-    for name in ("a.jpg", "b.log", "d.pcd", "e.mp4"):
+    assert (summary["complete"], summary["left"]) == (False, 6)
+    for name in ("a.jpg", "b.log", "d.pcd", "e.mp4", "g.mcap"):
         (source / name).unlink()
     summary = json.loads(murk(source, tmp_path / "out", *flags).stdout)
     assert (summary["complete"], summary["files"], summary["skipped"]) == (True, 0, 2)

@@ -8,6 +8,8 @@ import pytest
 
 from dbc.errors import SceneError
 from drivers.frame import Frame
+from models.degrade import camera
+from models.degrade.draw import DrawKey
 from models.degrade.kinds import KINDS
 from models.world.radar import WorldRadar
 from models.world.road import World
@@ -116,3 +118,12 @@ def test_ghosts_live_for_some_scans() -> None:
         seen.append(set(zip(ghosts.x.tolist(), ghosts.y.tolist(), strict=True)) - before)
     assert all(seen[k] == seen[k // 5 * 5] for k in range(30))
     assert len({frozenset(ghosts) for ghosts in seen}) > 3
+
+
+def test_what_was_injected_is_enough_to_draw_and_apply_it_again() -> None:
+    injector = alone("noise", shape="walk", level=50, spread=20)
+    message, injected = injector.inject(frame(17), 3.3)
+    assert injected is not None
+    ((kind, level),) = injected.items()
+    drawn = camera.draw(kind, level, DrawKey(1, "camera", 17))
+    np.testing.assert_array_equal(camera.apply(drawn, frame(17).image), message.image)
