@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from node.scene import Sensor, SensorType
 
 _SUFFIX = ".mcap"
+_LEVEL = "murk_msgs/msg/NoiseLevel"
 _SCAN = "sensor_msgs/msg/PointCloud2"
 _INFOS = ("murk_msgs/msg/RadarScanInfo", "murk_msgs/msg/FrameInfo")
 _IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
@@ -156,7 +157,8 @@ class RecordingSource:
         self._path = path
         self._recording = open_mcap(path)
         self._topic = _choose(sensor, path, topic, sensor_topics(self._recording))
-        self._level_topic = level_topic(self._topic)
+        levels = level_topic(self._topic)
+        self._level_topic = levels if self._recording.topics.get(levels) == _LEVEL else None
 
     def messages(self) -> Iterator[Frame | RadarScan]:
         """Yield frames or scans; see ``Source``."""
@@ -183,7 +185,8 @@ class RecordingSource:
         beside = info_topic(self._recording, self._topic)
         info: bytes | None = None
         count = 0
-        for entry in self._recording.entries({self._topic, self._level_topic, beside or ""}):
+        topics = (self._topic, self._level_topic, beside)
+        for entry in self._recording.entries({topic for topic in topics if topic is not None}):
             if entry.topic == beside:
                 info = entry.cdr
             else:

@@ -62,8 +62,9 @@ class RadarSettings(_Strict):
 class Sensor(_Strict):
     """One sensor and where its data comes from.
 
-    ``source`` is a file (a CAN log, a video, a folder of images), a device (``/dev/video0``), a
-    CAN bus (``socketcan:can0``) or ``world``, the simulated one. ``sensor_id`` is the radar's
+    ``source`` is a file (a CAN log, a video, a folder of images, an MCAP recording with or without
+    ``:/topic`` behind it), a device (``/dev/video0``), a CAN bus (``socketcan:can0``) or ``world``,
+    the simulated one. ``sensor_id`` is the radar's
     SensorID, which shifts its CAN IDs by 0x10 each. ``motion`` is a CAN log or bus whose speed and
     yaw rate (0x300, 0x301) are sent to a radar on a bus, 20 times a second. ``size`` (width,
     height), ``rate_hz`` and ``pixel_format`` are asked of a live camera; by default it is taken as

@@ -26,6 +26,7 @@ def decode(
 ) -> None:
     """Decode a CAN log: a CSV row a cluster or object, or with --json an object a scan."""
     from dbc.errors import LogError
+    from node.recording import is_recording
 
     lost = {"scans": 0, "frames_lost": 0, "cycles_lost": 0, "duplicates": 0, "strays": 0}
     show = _emit_scan if json else _Rows().write
@@ -34,6 +35,8 @@ def decode(
         lost["scans"] += 1
         for name in list(lost)[1:]:
             lost[name] += getattr(scan, name)
+    if not lost["scans"] and is_recording(str(log)):
+        raise LogError(log, "holds no radar scan", "record with scans in [outputs.record]")
     if not lost["scans"]:
         raise LogError(log, "holds no radar scan", "expected CAN IDs 0x600 or 0x60A (+ 0x10 × ID)")
     sys.stdout.flush()

@@ -20,11 +20,11 @@ SceneFile = Annotated[
 ]
 RadarFlag = Annotated[
     str | None,
-    typer.Option("--radar", metavar="SRC", help="CAN log, CAN bus (socketcan:can0) or 'world'."),
+    typer.Option("--radar", metavar="SRC", help="CAN log, MCAP, CAN bus or 'world'."),
 ]
 CameraFlag = Annotated[
     str | None,
-    typer.Option("--camera", metavar="SRC", help="Video, folder, /dev/videoN or 'world'."),
+    typer.Option("--camera", metavar="SRC", help="Video, folder, MCAP, /dev/videoN or 'world'."),
 ]
 InjectFlag = Annotated[
     list[str] | None,
