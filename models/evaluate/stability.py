@@ -102,7 +102,9 @@ def _walks(count: int) -> Iterator[Point]:
         time_us, ends = _timed(partial(_ends, walks, step))
         spread = float(np.std(np.array(ends) - 50.0)) / 1e-3
         knob = f"step={step:g} s, {count} walks"
-        yield Point("random walk, spread", knob, time_us / count, abs(spread - 1), "relative")
+        yield Point(
+            "random walk, spread", knob, time_us / count, abs(spread - 1), "relative, of so many"
+        )
 
 
 def _every_kind(sequences: tuple[int, ...]) -> Iterator[Goal]:
