@@ -47,6 +47,19 @@ def load_network(sensor_type: SensorType) -> Callable[[Any], Estimate]:
     return estimate_scan
 
 
+def load_adaptive_camera() -> Callable[[Frame], Estimate | None]:
+    """Return a function from a camera's successive frames to estimates; None: left out."""
+    from models.estimate.adaptive import AdaptiveCamera
+    from models.estimate.camera import CameraEstimator
+
+    camera = AdaptiveCamera(CameraEstimator())
+
+    def look(frame: Frame) -> Estimate | None:
+        return camera.estimate(frame.image, frame.stamp_ns)
+
+    return look
+
+
 class Estimator:
     """Estimates the noise level of one sensor, message by message.
 
@@ -54,6 +67,9 @@ class Estimator:
     ----------
     calibration:
         A file of ``murk calibrate`` that corrects this sensor's estimates.
+    adaptive:
+        Whether a camera's frames are only glanced at while its level is certain, and some left out
+        while it is steady.
 
     Raises
     ------
@@ -63,11 +79,16 @@ class Estimator:
         If the calibration's file is.
     """
 
-    def __init__(self, sensor_type: SensorType, calibration: Path | None = None) -> None:
-        self._network = load_network(sensor_type)
+    def __init__(
+        self, sensor_type: SensorType, calibration: Path | None = None, *, adaptive: bool = False
+    ) -> None:
+        self._look: Callable[[Any], Estimate | None] = (
+            load_adaptive_camera() if adaptive else load_network(sensor_type)
+        )
         self._correction = Calibration.read(calibration, sensor_type) if calibration else None
         self._levels = level_filter(sensor_type)
         self._kinds = KindFilter(KIND_TIME_CONSTANT_S)
+        self._raw = 0.0
 
     def estimate(
         self,
@@ -86,14 +107,18 @@ class Estimator:
         injected, dropped:
             The message's history; see ``NoiseLevel``.
         """
-        estimate = self._network(message)
-        if self._correction is not None:
-            estimate = self._correction.apply(estimate)
-        probabilities = self._levels.update(message.stamp_ns, estimate.probabilities)
-        kinds = agreeing(
-            self._kinds.update(message.stamp_ns, estimate.kind_probabilities),
-            float(probabilities[0]),
-        )
+        estimate = self._look(message)
+        if estimate is None:
+            probabilities = self._levels.predict(message.stamp_ns)
+            weights, raw, effort = self._kinds.probabilities, self._raw, 0.0
+        else:
+            if self._correction is not None:
+                estimate = self._correction.apply(estimate)
+            probabilities = self._levels.update(message.stamp_ns, estimate.probabilities)
+            weights = self._kinds.update(message.stamp_ns, estimate.kind_probabilities)
+            self._raw = raw = estimate.level
+            effort = estimate.effort
+        kinds = agreeing(weights, float(probabilities[0]))
         level = float(probabilities @ LEVELS)
         return NoiseLevel(
             sensor=message.sensor,
@@ -103,9 +128,10 @@ class Estimator:
             probabilities=probabilities,
             kind=max(kinds, key=lambda kind: kinds[kind]),
             kind_probabilities=kinds,
-            raw=estimate.level,
+            raw=raw,
             injected=injected,
             latency_ns=monotonic_ns() - arrival_ns,
             sequence=message.sequence,
             dropped=dropped,
+            effort=effort,
         )

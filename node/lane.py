@@ -81,7 +81,7 @@ class Lane:
         self._sensor = sensor
         self._clock = scene.clock
         self._duration_ns = None if scene.duration_s is None else round(scene.duration_s * 1e9)
-        self._estimator = Estimator(sensor.type, sensor.calibration)
+        self._estimator = Estimator(sensor.type, sensor.calibration, adaptive=sensor.adaptive)
         self._bus = bus
         lossless = scene.clock.fast and not source.live
         self._queue: Mailbox[Arrived] = Mailbox(QUEUE_DEPTH, lossless=lossless)

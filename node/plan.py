@@ -81,11 +81,19 @@ def _sensor_stages(scene: Scene, sensor: Sensor) -> Iterator[Stage]:
         "estimate",
         sensor.name,
         True,
-        f"its noise level is published, corrected by {sensor.calibration.name}"
-        if sensor.calibration
-        else "its noise level is published",
+        _effort(sensor),
         ("cv2", "onnxruntime") if sensor.type == "camera" else ("onnxruntime",),
     )
+
+
+def _effort(sensor: Sensor) -> str:
+    """Return why the sensor is estimated, and how."""
+    reason = "its noise level is published"
+    if sensor.calibration:
+        reason += f", corrected by {sensor.calibration.name}"
+    if sensor.adaptive:
+        reason += "; a quarter of the reading while certain, fewer frames while steady"
+    return reason
 
 
 def _source(sensor: Sensor) -> tuple[str, tuple[str, ...]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,17 +38,20 @@ class CameraEstimator:
             inputs={"features": (1, FEATURES)},
         )
 
-    def estimate(self, image: NDArray[np.uint8]) -> Estimate:
+    def estimate(self, image: NDArray[np.uint8], effort: float = 1.0) -> Estimate:
         """Return level and kind of one frame.
 
         Parameters
         ----------
         image:
             (height, width, 3) uint8 BGR of any size from 1×1 up.
+        effort:
+            Share of the usual reading, > 0; less is faster and less sure.
 
         Raises
         ------
         InputError
             If the array is no such image.
         """
-        return self._network.run({"features": image_features(image)[np.newaxis]})
+        estimate = self._network.run({"features": image_features(image, effort)[np.newaxis]})
+        return replace(estimate, effort=effort)

@@ -24,10 +24,13 @@ class Estimate:
         (11,) float64 over ``LEVELS``, sums to 1.
     kind_probabilities:
         Probability by kind, sums to 1.
+    effort:
+        Share of the usual reading that it took; see ``models.estimate.adaptive``.
     """
 
     probabilities: NDArray[np.float64]
     kind_probabilities: dict[str, float]
+    effort: float = 1.0
 
     @property
     def level(self) -> float:
@@ -71,6 +74,9 @@ class NoiseLevel:
         The message's own.
     dropped:
         Messages of this sensor lost before this one since the start: by the source and the queue.
+    effort:
+        Share of the usual reading that it took: 1, less for a glance, 0 where the level was only
+        carried on in time.
     """
 
     sensor: str
@@ -85,6 +91,7 @@ class NoiseLevel:
     latency_ns: int
     sequence: int
     dropped: int
+    effort: float = 1.0
 
     @property
     def true_level(self) -> float:

@@ -19,6 +19,11 @@ class KindFilter:
         self._stamp_ns: int | None = None
         self._probabilities: dict[str, float] = {}
 
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """The average at the newest measurement; empty before the first."""
+        return self._probabilities
+
     def update(self, stamp_ns: int, probabilities: dict[str, float]) -> dict[str, float]:
         """Take in one measurement; return the average at ``stamp_ns`` (integer nanoseconds).
 

@@ -6,6 +6,7 @@ import csv
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +15,15 @@ from dbc.errors import InputError
 from drivers.images import read_image
 from models.degrade.camera import KINDS, Method, apply, draw
 from models.degrade.draw import DrawKey
+from models.degrade.kinds import module_of
 from models.estimate.level import CAMERA_KINDS, LEVELS, Estimate
 
 Image = NDArray[np.uint8]
+
+MAIN_KINDS = KINDS
+"""Kinds of the four that the goals are set for: blur, over, under, noise."""
+COMBINED = ("under+noise", "blur+noise")
+"""Kinds that come together: the light fails and the sensor is noisy, or the focus fails."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +36,8 @@ class CleanFrame:
         The image.
     mask:
         Image of the same size, non-zero where pixels were repaired; it may not exist.
-    scene, source, licence, condition:
-        Where it comes from, its terms, and the time of day.
+    scene, source, licence, condition, weather:
+        Where it comes from, its terms, the time of day and the weather.
     restricted:
         True where the licence allows research or non-commercial use only.
     certain:
@@ -43,6 +50,7 @@ class CleanFrame:
     source: str
     licence: str
     condition: str
+    weather: str
     restricted: bool
     certain: bool
 
@@ -96,6 +104,7 @@ def clean_frames(data: Path, split: str) -> list[CleanFrame]:
                 source=row["source"].split(":")[0],
                 licence=row["licence"],
                 condition=row["timeofday"],
+                weather=row.get("weather") or "?",
                 restricted=row.get("licence_class") == "B",
                 certain=float(row["clean"]) == 1,
             )
@@ -122,7 +131,7 @@ class Answers:
     frames:
         Index of the clean frame, (n,).
     probabilities, kind_probabilities:
-        The answers, (n, 11) and (n, 5).
+        The answers, (n, 11) and (n, number of kinds).
     """
 
     kinds: NDArray[np.intp]
@@ -174,44 +183,103 @@ class Answers:
         }
 
 
-def degraded(
-    frames: Sequence[CleanFrame], *, draws: int, seed: int, method: Method = "fast"
-) -> Iterator[tuple[int, str, float, Image]]:
-    """Yield each clean frame ``draws`` times, degraded: frame's index, kind, level, image.
+def degrade(
+    kind: str, level: float, key: DrawKey, image: Image, method: Method = "fast"
+) -> tuple[str, Image]:
+    """Return the true kind, and the image degraded at a level.
 
-    Kinds in equal shares, each at a level that is uniform over the eleven; level 0 of any kind is
-    ``clean``.
+    Parameters
+    ----------
+    kind:
+        A camera's kind, or kinds joined by ``+``, which are applied in that order: one of them, at
+        random, has the level and is the true kind; the others have lower ones, uniform from 10 %.
+    level:
+        Of the strongest kind, %; at 0 the image comes back as it is, and is ``clean``.
+    method:
+        For the main kinds only; see ``models.degrade.camera``.
+    """
+    if not level:
+        return "clean", image
+    parts = kind.split("+")
+    choice = key.generator("combination")
+    strongest = int(choice.integers(len(parts)))
+    lower = LEVELS[1 : max(2, int(np.searchsorted(LEVELS, level)))]
+    for index, part in enumerate(parts):
+        own = level if index == strongest else min(level, float(choice.choice(lower)))
+        if part in MAIN_KINDS:
+            image = apply(draw(part, own, key, method=method), image)
+        else:
+            module = module_of("camera", part)
+            image = module.apply(module.draw(part, own, key), image)
+    return parts[strongest], image
+
+
+class Readable(Protocol):
+    """A clean frame that can be read."""
+
+    @property
+    def name(self) -> str:
+        """What tells it from other frames."""
+        ...
+
+    def read(self) -> Image:
+        """Return the image, (height, width, 3) uint8 BGR."""
+        ...
+
+
+def degraded(
+    frames: Sequence[Readable],
+    *,
+    draws: int,
+    seed: int,
+    method: Method = "fast",
+    kinds: Sequence[str] = MAIN_KINDS,
+) -> Iterator[tuple[int, str, float, Image]]:
+    """Yield each clean frame ``draws`` times, degraded: frame's index, true kind, level, image.
+
+    Kinds (see ``degrade``) in equal shares, each at a level that is uniform over the eleven; level
+    0 of any kind is ``clean``.
     """
     for index, frame in enumerate(frames):
         image = frame.read()
         for draw_number in range(draws):
             key = DrawKey(seed, frame.name, draw_number)
             choice = key.generator("kind and level")
-            kind, level = KINDS[choice.integers(len(KINDS))], float(choice.choice(LEVELS))
-            degradation = draw(kind, level, key, method=method)
-            yield index, kind if level else "clean", level, apply(degradation, image)
+            kind, level = kinds[int(choice.integers(len(kinds)))], float(choice.choice(LEVELS))
+            true_kind, result = degrade(kind, level, key, image, method)
+            yield index, true_kind, level, result
 
 
 def measure(
     estimate: Callable[[Image], Estimate],
-    frames: Sequence[CleanFrame],
+    frames: Sequence[Readable],
     *,
     draws: int = 4,
     seed: int = 0,
     method: Method = "fast",
+    kinds: Sequence[str] = MAIN_KINDS,
+    afterwards: Callable[[Image], Image] = lambda image: image,
 ) -> Answers:
-    """Return what an estimator answers to frames degraded as ``degraded`` does."""
+    """Return what an estimator answers to frames degraded as ``degraded`` does.
+
+    ``afterwards`` is what happens to each frame after it was degraded, such as compression.
+    """
     truth, estimates = [], []
-    for index, kind, level, image in degraded(frames, draws=draws, seed=seed, method=method):
+    for index, kind, level, image in degraded(
+        frames, draws=draws, seed=seed, method=method, kinds=kinds
+    ):
         truth.append((CAMERA_KINDS.index(kind), level, index))
-        estimates.append(estimate(image))
-    kinds, levels, indices = (np.array(column) for column in zip(*truth, strict=True))
+        estimates.append(estimate(afterwards(image)))
+    true_kinds, levels, indices = (np.array(column) for column in zip(*truth, strict=True))
     return Answers(
-        kinds=kinds,
+        kinds=true_kinds,
         levels=levels,
         frames=indices,
         probabilities=np.array([answer.probabilities for answer in estimates]),
         kind_probabilities=np.array(
-            [[answer.kind_probabilities[kind] for kind in CAMERA_KINDS] for answer in estimates]
+            [
+                [answer.kind_probabilities.get(kind, 0.0) for kind in CAMERA_KINDS]
+                for answer in estimates
+            ]
         ),
     )

@@ -2,42 +2,172 @@
 
 Clean frames of the split `test`, degraded at native size (blur, over, under, noise in equal shares,
 levels uniform over the eleven), where real data is found. The error is the mean distance of the
-mean level from the true one.
+mean level from the true one. Opponents were trained and measured on the same frames by
+`murk train camera --opponent NAME`; their run time is that of then, times what the shipped network
+takes now over what it took beside them then.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import logging
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter_ns
 
+import numpy as np
+
+from models.estimate.adaptive import GLANCE
 from models.estimate.camera import CameraEstimator
-from models.evaluate import camera
-from models.evaluate.report import Goal, Point, Result
+from models.estimate.filter import level_filter
+from models.estimate.level import LEVELS
+from models.estimate.network import WEIGHTS
+from models.evaluate import camera_clip, tried
+from models.evaluate.answer_plots import (
+    confusion_picture,
+    expected_calibration_error,
+    reliability_picture,
+)
+from models.evaluate.camera import MAIN_KINDS, Answers, CleanFrame, clean_frames, measure
+from models.evaluate.camera_effort import effort_table
+from models.evaluate.camera_tables import (
+    beyond_table,
+    extremes_table,
+    groups_table,
+    sizes_table,
+)
+from models.evaluate.codecs import Image
+from models.evaluate.opponents import read_opponents
+from models.evaluate.report import Goal, Point, Result, Table
+from models.evaluate.restore import restoration_table
 from models.evaluate.timing import camera_data, median_us, one_thread
 from models.world.camera import WorldCamera
 from models.world.road import World
 
 UNIT = "points of level, camera"
+FILTER_UNIT = "points of level, camera's filter"
+EFFORTS = (1 / 16, 1 / 8, GLANCE, 1 / 2, 1.0, 2.0, 4.0)
+
+_DRAWS = 8
+_FEW = 30
 
 
 def run(quick: bool) -> Iterator[Result]:
-    """Measure the shipped network."""
+    """Measure the shipped network, its variants and its opponents."""
     with one_thread():
-        yield from _camera(quick)
+        estimator = CameraEstimator()
+        image = next(WorldCamera(World(1, 1.0), width=1600, height=900).frames()).image
+        rounds = 10 if quick else 200
+        run_time_us = median_us(lambda: estimator.estimate(image), rounds)
+        yield Goal("camera, 1600×900, one thread, ms", run_time_us / 1e3, 1.5, False)
+        yield extremes_table(estimator)
+        yield sizes_table(estimator, quick)
+        yield tried.CAMERA
+        data = camera_data()
+        if data is None:
+            return
+        frames = clean_frames(data, "val" if quick else "test")
+        few = frames[:: max(1, len(frames) // _FEW)]
+        answers = measure(
+            estimator.estimate, few if quick else frames, draws=2 if quick else _DRAWS
+        )
+        yield from _accuracy(answers, few if quick else frames)
+        yield from _rivals(estimator, answers, run_time_us, few if quick else frames[::2], rounds)
+        yield _opponents(answers)
+        yield beyond_table(estimator, few[::3] if quick else frames[::2])
+        yield restoration_table(estimator, few if quick else frames[::4])
+        yield from _in_time(estimator, data, 8 if quick else 1)
 
 
-def _camera(quick: bool) -> Iterator[Result]:
-    estimator = CameraEstimator()
-    image = next(WorldCamera(World(1, 1.0), width=1600, height=900).frames()).image
-    run_time_us = median_us(lambda: estimator.estimate(image), 10 if quick else 100)
-    yield Goal("camera, 1600×900, one thread, ms", run_time_us / 1e3, 1.5, False)
-    data = camera_data()
-    if data is None:
-        return
-    frames = camera.clean_frames(data, "val" if quick else "test")
-    answers = camera.measure(estimator.estimate, frames[:: len(frames) // 30] if quick else frames)
+def _accuracy(answers: Answers, frames: Sequence[CleanFrame]) -> Iterator[Result]:
     table = answers.table()
-    for kind, row in table.items():
-        yield Point("camera network", kind, run_time_us, row["mean_error"], UNIT)
-    yield Goal("camera, 11 levels right, %", 100 * float(answers.hits.mean()), 90.0)
+    error = expected_calibration_error(answers.probabilities, answers.levels)
+    yield Goal("camera, 11 levels right, %", 100 * table["all"]["accuracy"], 90.0)
     yield Goal("camera, mean error, points", table["all"]["mean_error"], 2.0, False)
     yield Goal("camera, over-exposure, mean error, points", table["over"]["mean_error"], 6.0, False)
+    yield groups_table(answers, frames)
+    yield confusion_picture("Camera: confusion of the eleven levels", answers.confusion())
+    yield reliability_picture(
+        f"Camera: reliability (expected calibration error {error:.1%})",
+        answers.probabilities,
+        answers.levels,
+    )
+
+
+def _rivals(
+    estimator: CameraEstimator,
+    answers: Answers,
+    run_time_us: float,
+    frames: Sequence[CleanFrame],
+    rounds: int,
+) -> Iterator[Point]:
+    """Yield error against run time: the network at several efforts, and its opponents."""
+    image = next(WorldCamera(World(1, 1.0), width=1600, height=900).frames()).image
+    for effort in EFFORTS:
+        estimate = partial(estimator.estimate, effort=effort)
+        if effort == 1.0:
+            error = answers.table()["all"]["mean_error"]
+            yield Point("camera network", "effort 1", run_time_us, error, UNIT, shipped=True)
+        else:
+            error = measure(estimate, frames, draws=2).table()["all"]["mean_error"]
+            time_us = median_us(partial(estimate, image), rounds)
+            yield Point("camera network", f"effort {effort:g}", time_us, error, UNIT)
+    yield from _int8(frames, image, rounds)
+    for opponent in read_opponents("camera"):
+        time_us = opponent.run_time_us * run_time_us / opponent.shipped_run_time_us
+        error = opponent.tables["test"]["all"]["mean_error"]
+        yield Point(f"opponent {opponent.name}", "all kinds", time_us, error, UNIT)
+
+
+def _int8(frames: Sequence[CleanFrame], image: Image, rounds: int) -> Iterator[Point]:
+    """Yield the network with weights of 8 bit, where the library that makes it is installed."""
+    try:
+        import onnx
+        from onnxruntime.quantization import quantize_dynamic
+    except ImportError:
+        return
+    network = onnx.load(WEIGHTS / "camera.onnx")
+    del network.graph.value_info[:]  # the quantiser takes them amiss where weights are transposed
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "camera.onnx"
+        logging.disable(logging.WARNING)
+        quantize_dynamic(network, file)
+        logging.disable(logging.NOTSET)
+        estimate = CameraEstimator(file).estimate
+    error = measure(estimate, frames, draws=2).table()["all"]["mean_error"]
+    time_us = median_us(partial(estimate, image), rounds)
+    yield Point("camera network, INT8", "effort 1", time_us, error, UNIT)
+
+
+def _opponents(answers: Answers) -> Table:
+    """Return accuracy and error of the opponents beside the network's."""
+    rows: list[tuple[str | float, ...]] = [
+        (opponent.name, opponent.what, opponent.samples, *_errors(opponent.tables["test"]))
+        for opponent in read_opponents("camera")
+    ]
+    rows.append(("murk", "the shipped network", "see its card", *_errors(answers.table())))
+    columns = ("network", "what it is", "samples", "level right, %", "mean error, points")
+    title = "Camera: opponents, trained on the same frames"
+    return Table(title, (*columns, *(f"of {kind}" for kind in MAIN_KINDS)), tuple(rows))
+
+
+def _errors(table: dict[str, dict[str, float]]) -> tuple[float, ...]:
+    kinds = [table[kind]["mean_error"] if kind in table else np.nan for kind in MAIN_KINDS]
+    return (100 * table["all"]["accuracy"], table["all"]["mean_error"], *kinds)
+
+
+def _in_time(estimator: CameraEstimator, data: Path, every: int) -> Iterator[Result]:
+    """Yield a clip with a scheduled injection, the filter's rates, and adaptive effort."""
+    frames = camera_clip.clip_frames(data, camera_clip.CLIPS[0], every=every)
+    shown = camera_clip.track(estimator, frames, camera_clip.scheduled(len(frames)))
+    yield camera_clip.clip_picture("Camera: a real clip with a scheduled injection", shown)
+    tracks = camera_clip.steps(estimator, data, every=2 * every)
+    yield camera_clip.step_picture("Camera: a step to 60 %, mean of three clips", tracks)
+    yield from camera_clip.filter_points(tracks, _filter_us(), FILTER_UNIT)
+    yield effort_table(estimator, data, every)
+
+
+def _filter_us() -> float:
+    update, uniform = level_filter("camera").update, np.full(len(LEVELS), 1 / len(LEVELS))
+    return median_us(lambda: update(perf_counter_ns(), uniform), 50)

@@ -204,5 +204,6 @@ def as_record(level: NoiseLevel) -> dict[str, Any]:
         "latency_ns",
         "sequence",
         "dropped",
+        "effort",
     )
     return {"type": "noise_level", **{name: getattr(level, name) for name in names}}

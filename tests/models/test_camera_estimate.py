@@ -17,6 +17,7 @@ from models.degrade.draw import DrawKey
 from models.estimate.camera import CameraEstimator
 from models.estimate.level import CAMERA_KINDS, Estimate
 from models.evaluate.camera import clean_frames, measure
+from models.evaluate.camera_tables import extremes
 
 CLIPS = ("day_highway_960x540_25fps", "day_city_1242x374_10fps", "night_1920x1080_30fps")
 
@@ -36,21 +37,8 @@ def assert_sound(estimate: Estimate) -> None:
     assert sum(estimate.kind_probabilities.values()) == pytest.approx(1, abs=1e-12)
 
 
-def checkerboard(height: int, width: int) -> NDArray[np.uint8]:
-    squares = (np.indices((height, width)).sum(axis=0) % 2 * 255).astype(np.uint8)
-    return np.repeat(squares[..., np.newaxis], 3, axis=2)
-
-
-EXTREMES = {
-    "black": np.zeros((540, 960, 3), np.uint8),
-    "white": np.full((540, 960, 3), 255, np.uint8),
-    "checkerboard": checkerboard(480, 640),
-    "one black pixel": np.zeros((1, 1, 3), np.uint8),
-    "one pixel enlarged": np.full((720, 1280, 3), (10, 200, 90), np.uint8),
-    "one row": np.arange(3000, dtype=np.uint8).reshape(1, 1000, 3),
+EXTREMES = extremes() | {
     "one column": np.arange(3000, dtype=np.uint8).reshape(1000, 1, 3),
-    "pure noise": np.random.default_rng(0).integers(0, 256, (300, 500, 3), np.uint8),
-    "huge": np.random.default_rng(0).integers(0, 256, (4000, 6000, 3), np.uint8),
 }
 
 
@@ -73,6 +61,16 @@ def test_it_is_uncertain_where_the_scene_shows_nothing(
     estimator: CameraEstimator, name: str
 ) -> None:
     assert estimator.estimate(EXTREMES[name]).std > 20
+
+
+@pytest.mark.parametrize("effort", [1 / 64, 0.25, 1.0, 8.0])
+@pytest.mark.parametrize("shape", [(1, 1, 3), (64, 64, 3), (360, 640, 3)])
+def test_any_effort_is_sound(
+    estimator: CameraEstimator, effort: float, shape: tuple[int, int, int]
+) -> None:
+    estimate = estimator.estimate(np.full(shape, 77, np.uint8), effort)
+    assert_sound(estimate)
+    assert estimate.effort == effort
 
 
 @pytest.mark.parametrize(

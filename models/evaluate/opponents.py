@@ -1,0 +1,55 @@
+"""What murk's networks are compared with: figures of opponents, in small files.
+
+``murk train SENSOR --opponent NAME`` trains an opponent, measures it on the frames or scans that
+the network is measured on, and writes such a file; ``murk bench estimate`` shows those beside the
+networks' weights.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from models.estimate.network import WEIGHTS
+
+OPPONENTS = WEIGHTS / "opponents"
+
+
+@dataclass(frozen=True, slots=True)
+class Opponent:
+    """An opponent, trained and measured.
+
+    Attributes
+    ----------
+    name, what:
+        Its name, and what it is, with all that was reduced.
+    samples, parameters:
+        Of its training; parameters are 0 where it has none to count.
+    run_time_us, shipped_run_time_us:
+        Run time of one estimate, everything included, and that of murk's network measured beside
+        it on the same machine, one thread, microseconds.
+    tables:
+        By split: by kind (``all`` first): ``count``, ``accuracy``, ``mean_error`` and so on.
+    """
+
+    name: str
+    what: str
+    samples: int
+    parameters: int
+    run_time_us: float
+    shipped_run_time_us: float
+    tables: dict[str, dict[str, dict[str, float]]]
+
+    def write(self, path: Path) -> None:
+        """Write it as a JSON file."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
+
+
+def read_opponents(sensor: str) -> list[Opponent]:
+    """Return the opponents of a sensor's network that ship with murk, by file name."""
+    return [
+        Opponent(**json.loads(path.read_text(encoding="utf-8")))
+        for path in sorted(OPPONENTS.glob(f"{sensor}_*.json"))
+    ]

@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from models.estimate.adaptive import GLANCE, LONGEST_REST_S, AdaptiveCamera
+from models.estimate.camera import CameraEstimator
+from models.estimate.level import LEVELS, Estimate
+
+IMAGE = np.zeros((4, 4, 3), np.uint8)
+STEP_NS = 40_000_000
+
+
+class Scripted(CameraEstimator):
+    """Says of each look what it is told to: level and whether it is sure."""
+
+    def __init__(self) -> None:
+        self.level, self.sure = 0.0, True
+        self.efforts: list[float] = []
+
+    def estimate(self, image: NDArray[np.uint8], effort: float = 1.0) -> Estimate:
+        self.efforts.append(effort)
+        probabilities = (self.level == LEVELS) * 1.0 if self.sure else np.full(11, 1 / 11)
+        return Estimate(probabilities, {"clean": 1.0}, effort)
+
+
+@pytest.fixture
+def camera() -> Scripted:
+    return Scripted()
+
+
+def test_steady_and_certain_it_glances_and_rests(camera: Scripted) -> None:
+    adaptive = AdaptiveCamera(camera)
+    answers = [adaptive.estimate(IMAGE, n * STEP_NS) for n in range(12)]
+    looked = [n for n, answer in enumerate(answers) if answer is not None]
+    assert camera.efforts[0] == 1.0
+    assert set(camera.efforts[1:]) == {GLANCE}
+    assert looked[:2] == [0, 1]
+    rests = np.diff(looked[1:]) * STEP_NS * 1e-9
+    assert len(looked) < 7
+    assert rests.max() < LONGEST_REST_S + STEP_NS * 1e-9
+
+
+def test_unsure_it_looks_whole_at_every_frame(camera: Scripted) -> None:
+    camera.sure = False
+    adaptive = AdaptiveCamera(camera)
+    answers = [adaptive.estimate(IMAGE, n * STEP_NS) for n in range(6)]
+    assert None not in answers
+    assert camera.efforts == [1.0] * 6
+
+
+def test_a_glance_that_is_not_sure_becomes_a_whole_look(camera: Scripted) -> None:
+    adaptive = AdaptiveCamera(camera)
+    adaptive.estimate(IMAGE, 0)
+    camera.sure = False
+    assert adaptive.estimate(IMAGE, STEP_NS) is not None
+    assert camera.efforts == [1.0, GLANCE, 1.0]
+
+
+def test_a_level_that_moves_gets_no_rest(camera: Scripted) -> None:
+    adaptive = AdaptiveCamera(camera)
+    for n in range(8):
+        camera.level = float(10 * n)
+        assert adaptive.estimate(IMAGE, n * STEP_NS) is not None
+
+
+def test_a_clock_set_back_does_not_stop_it(camera: Scripted) -> None:
+    adaptive = AdaptiveCamera(camera)
+    adaptive.estimate(IMAGE, 10**12)
+    adaptive.estimate(IMAGE, 10**12 + STEP_NS)
+    assert adaptive.estimate(IMAGE, 0) is not None
