@@ -90,6 +90,8 @@ def decode(entry: Entry, info: bytes | None, count: int, path: Path) -> Any:
 def read_recording(path: Path) -> dict[str, Any]:
     """Return the content of a scene that replays a recording: a sensor a topic, nothing injected.
 
+    A sensor that was calibrated is so again, by the same file.
+
     Raises
     ------
     InputError
@@ -104,15 +106,17 @@ def read_recording(path: Path) -> dict[str, Any]:
         raise InputError(path, what, "record with scans or images in [outputs.record]")
     try:
         about = json.loads(recording.about.get("scene", "{}"))
-    except ValueError:
-        raise InputError(path, "is damaged: its scene is not JSON") from None
-    return {
-        **{key: about[key] for key in ("name", "seed") if key in about},
-        "sensors": [
-            {"name": sensor_name(topic), "type": sensor_type, "source": f"{path}:{topic}"}
-            for topic, sensor_type in topics.items()
-        ],
-    }
+        calibrations = {one["name"]: one.get("calibration") for one in about.get("sensors", ())}
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(path, "is damaged: what it says of its scene cannot be read") from None
+    sensors = []
+    for topic, sensor_type in topics.items():
+        name = sensor_name(topic)
+        sensor = {"name": name, "type": sensor_type, "source": f"{path}:{topic}"}
+        if calibration := calibrations.get(name):
+            sensor["calibration"] = calibration
+        sensors.append(sensor)
+    return {**{key: about[key] for key in ("name", "seed") if key in about}, "sensors": sensors}
 
 
 def open_sensors(path: Path) -> list[tuple[Sensor, RecordingSource]]:

@@ -28,6 +28,7 @@ REQUIRED = (
     "rich",
     "rosbags",
     "typer",
+    "zstandard",
 )
 EXTRAS = {
     "ros2": ("cyclonedds",),

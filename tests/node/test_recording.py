@@ -18,6 +18,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from dbc.errors import InputError, SceneError
 from drivers.candump import write_candump
 from drivers.encode import encode_scan
+from models.estimate.calibration import Calibration
 from models.estimate.level import NoiseLevel
 from node.batch import estimate_paths
 from node.bus.in_process import Bus
@@ -100,6 +101,21 @@ def test_a_replay_gives_the_recorded_levels_to_the_bit_and_so_does_another(
         "front": {"snr": 60.0},
         "camera": {"blur": 40.0},
     }
+
+
+def test_a_sensor_that_was_calibrated_is_so_again(
+    sensors: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    path, file = tmp_path / "drive.mcap", tmp_path / "front.json"
+    Calibration("radar", {"ghosts": (0.5, 3.0)}, 0.8, (0.1,) * 10 + (0.5,)).write(file)
+    radar = {**sensors[0], "calibration": file}
+    outputs = {"record": {"path": path}}
+    content = {"sensors": [radar], "clock": FAST, "outputs": outputs}
+    levels = run(check_scene(content, "test"))
+    assert comparable(run(build_scene(path, fast=True))) == comparable(levels)
+    file.unlink()
+    with pytest.raises(InputError, match=r"front\.json"):
+        run(build_scene(path, fast=True))
 
 
 def test_a_replay_keeps_the_order_of_the_run_in_json(
