@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
 from dataclasses import asdict
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -16,7 +19,15 @@ if TYPE_CHECKING:
     from models.evaluate.report import Result
 
 BENCHES = {
-    "bus": ("node.bench.bus", "node.bench.gateway", "node.bench.latency", "node.bench.rig"),
+    "bus": (
+        "node.bench.bus",
+        "node.bench.gateway",
+        "node.bench.latency",
+        "node.bench.ros2",
+        "node.bench.mcap",
+        "node.bench.view",
+        "node.bench.rig",
+    ),
     "decode": ("node.bench.decode", "node.bench.run"),
     "degrade": ("models.evaluate.degrade", "models.evaluate.peers"),
     "estimate": ("models.evaluate.estimate", "models.evaluate.estimate_radar"),
@@ -41,7 +52,7 @@ def bench(
 
     if name not in BENCHES:
         raise SceneError(f"bench {name}", "is no benchmark", f"expected {', '.join(BENCHES)}")
-    modules = [import_module(module) for module in BENCHES[name]]
+    modules = list(_modules(name))
     results: list[Result] = []
     for result in chain.from_iterable(module.run(quick) for module in modules):
         results.append(result)
@@ -55,6 +66,17 @@ def bench(
         from models.evaluate.write import write_report
 
         write_report(name, "\n".join(module.__doc__ or "" for module in modules), results, docs)
+
+
+def _modules(name: str) -> Iterator[ModuleType]:
+    """Import a benchmark's modules; one whose extra is missing is said and left out."""
+    from dbc.errors import MissingExtra
+
+    for module in BENCHES[name]:
+        try:
+            yield import_module(module)
+        except MissingExtra as missing:
+            sys.stderr.write(f"murk: left out: {missing}\n")
 
 
 def _emit(result: Result) -> None:
