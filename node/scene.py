@@ -195,8 +195,8 @@ class Ros2Settings(_Strict):
     """ROS 2 over DDS.
 
     ``domain`` is by default that of ``ROS_DOMAIN_ID``, else 0; ``namespace`` goes before every
-    topic's name but that of ``/diagnostics``; only this computer hears it unless ``network`` is true. ``scans`` and ``images``
-    are sent on too where they are true.
+    topic's name but that of ``/diagnostics``; only this computer hears it unless ``network`` is
+    true. ``scans`` and ``images`` are sent on too where they are true.
     """
 
     domain: Annotated[int, Field(ge=0, le=232)] | None = None
