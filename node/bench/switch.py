@@ -37,8 +37,8 @@ from clean frames only.
 The error is the mean OSPA distance of order 1 with a cut-off of 5 m (Schuhmacher et al., 2008): the
 mean distance to the road users, where a miss and a false alarm count 5 m each. The switch sees what
 the node's estimator says of each degraded frame, never what was injected, and a frame is answered
-by the model that was chosen before it came. The bounds of its rules were set on other drives than
-those measured here.
+by the model that was chosen before it came. The bounds of its rules are where the two errors met on
+16 other drives than those measured here.
 """
 
 from __future__ import annotations
@@ -91,16 +91,16 @@ RULES = Switch.model_validate(
             {"sensor": "camera", "stale_s": 0.5, "model": "radar_only"},
             {
                 "sensor": "camera",
-                "above": 40,
+                "above": 50,
                 "hysteresis": 10,
-                "kinds": ["over", "under"],
+                "kinds": ["under"],
                 "model": "radar_only",
             },
             {
                 "sensor": "camera",
-                "above": 60,
+                "above": 75,
                 "hysteresis": 10,
-                "kinds": ["noise"],
+                "kinds": ["over", "noise"],
                 "model": "radar_only",
             },
         ],
