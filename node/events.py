@@ -63,7 +63,8 @@ class ModelChoice:
     switch:
         The switch's name in the scene.
     stamp_ns:
-        Stamp of the noise level that decided, or wall time where silence did, nanoseconds.
+        Stamp of the noise level that decided; where silence did, that of the newest level plus the
+        time since, and wall time before the first; nanoseconds.
     model, previous:
         The model from now on, and the one before; empty at the first choice.
     reason:
