@@ -23,6 +23,8 @@ KIND_TIME_CONSTANT_S = 0.3
 def load_network(sensor_type: SensorType) -> Callable[[Any], Estimate]:
     """Return the network of a sensor type, as a function from Frame or RadarScan to its estimate.
 
+    Every message is estimated by itself.
+
     Raises
     ------
     ModelError
@@ -60,6 +62,21 @@ def load_adaptive_camera() -> Callable[[Frame], Estimate | None]:
     return look
 
 
+def load_follower(sensor_type: SensorType) -> Callable[[Any], Estimate]:
+    """Return the same for the successive messages of one sensor: a scan with those before it.
+
+    Raises
+    ------
+    ModelError
+        If the network's file is missing or not murk's.
+    """
+    if sensor_type == "camera":
+        return load_network(sensor_type)
+    from models.estimate.radar import RadarEstimator
+
+    return RadarEstimator().follow()
+
+
 class Estimator:
     """Estimates the noise level of one sensor, message by message.
 
@@ -83,7 +100,7 @@ class Estimator:
         self, sensor_type: SensorType, calibration: Path | None = None, *, adaptive: bool = False
     ) -> None:
         self._look: Callable[[Any], Estimate | None] = (
-            load_adaptive_camera() if adaptive else load_network(sensor_type)
+            load_adaptive_camera() if adaptive else load_follower(sensor_type)
         )
         self._correction = Calibration.read(calibration, sensor_type) if calibration else None
         self._levels = level_filter(sensor_type)

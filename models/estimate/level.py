@@ -65,7 +65,7 @@ class NoiseLevel:
     kind, kind_probabilities:
         Most probable kind, and the probability of each.
     raw:
-        Level by this message alone, %.
+        Level as the network says it, before the filter in time, %.
     injected:
         ``{kind: level in %}`` that was injected into this message; None where nothing was.
     latency_ns:

@@ -1,16 +1,28 @@
-"""The radar's noise level and kind from one scan."""
+"""The radar's noise level and kind: from one scan, or from a scan and those before it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dbc.errors import InputError
 from drivers.scan import RadarScan
 from models.estimate.level import LEVELS, Estimate
 from models.estimate.network import WEIGHTS, Network
-from models.estimate.radar_features import FEATURES, VERSION, features
+from models.estimate.radar_window import INPUTS, VERSION, ScanWindow
+
+
+class RadarNetwork(Protocol):
+    """What answers to the inputs of a window; see ``models.estimate.network.Network``."""
+
+    kinds: tuple[str, ...]
+
+    def run(self, inputs: Mapping[str, NDArray[np.float32]]) -> Estimate:
+        """Return the estimate for one window."""
 
 
 class RadarEstimator:
@@ -18,8 +30,8 @@ class RadarEstimator:
 
     Parameters
     ----------
-    path:
-        A network made by ``murk train radar``; the one that murk ships when None.
+    network:
+        A file made by ``murk train radar``, or a network; the one that murk ships when None.
 
     Raises
     ------
@@ -27,13 +39,15 @@ class RadarEstimator:
         If the file is missing, corrupt or not a radar network of this version.
     """
 
-    def __init__(self, path: Path | None = None) -> None:
-        self._network = Network(
-            path or WEIGHTS / "radar.onnx",
-            model="radar",
-            version=VERSION,
-            inputs={"features": (1, FEATURES)},
-        )
+    def __init__(self, network: Path | RadarNetwork | None = None) -> None:
+        if network is None or isinstance(network, Path):
+            network = Network(
+                network or WEIGHTS / "radar.onnx",
+                model="radar",
+                version=VERSION,
+                inputs={"window": (1, INPUTS)},
+            )
+        self._network = network
 
     def estimate(self, scan: RadarScan) -> Estimate:
         """Return level and kind of one scan in cluster mode, with or without quality fields.
@@ -45,14 +59,31 @@ class RadarEstimator:
         InputError
             If the scan is in object mode.
         """
+        return self._estimate(ScanWindow(), scan)
+
+    def follow(self) -> Callable[[RadarScan], Estimate]:
+        """Return a function that estimates successive scans of one sensor, for one thread.
+
+        Each answer rests on the scan and those shortly before it; see ``ScanWindow``. The first
+        one is that of ``estimate``.
+        """
+        window = ScanWindow()
+
+        def estimate(scan: RadarScan) -> Estimate:
+            return self._estimate(window, scan)
+
+        return estimate
+
+    def _estimate(self, window: ScanWindow, scan: RadarScan) -> Estimate:
         check_clusters(scan)
-        if not len(scan):
+        inputs = window.add(scan)
+        if inputs is None:
             kinds = self._network.kinds
             return Estimate(
                 probabilities=np.full(len(LEVELS), 1 / len(LEVELS)),
                 kind_probabilities=dict.fromkeys(kinds, 1 / len(kinds)),
             )
-        return self._network.run({"features": features(scan)[np.newaxis]})
+        return self._network.run({"window": inputs[np.newaxis]})
 
 
 def check_clusters(scan: RadarScan) -> None:

@@ -215,35 +215,42 @@ def measure(
 
 
 def measure_together(
-    estimate: Estimator,
+    follow: Callable[[], Estimator],
     drives: Sequence[Drive],
-    make_filter: Callable[[], LevelFilter],
+    make_filter: Callable[[], LevelFilter] | None,
     *,
     scans: int,
     draws: int,
     seed: int = 0,
 ) -> Answers:
-    """Return what estimator and filter say after ``scans`` successive scans at one level.
+    """Return what a window and its filter say after ``scans`` successive scans at one level.
 
-    The windows follow each other without overlap.
+    The sequences follow each other without overlap.
+
+    Parameters
+    ----------
+    follow:
+        Makes an estimator for one sequence of scans; see ``RadarEstimator.follow``.
+    make_filter:
+        Makes a filter for one sequence; None: the window's own answer counts.
     """
     answers = []
     for index, drive in enumerate(drives):
         for first in range(0, len(drive.scans) - scans + 1, scans):
             for repeat in range(draws):
                 for level in LEVELS:
-                    levels = make_filter()
+                    levels, estimate = make_filter() if make_filter else None, follow()
                     for scan in drive.scans[first : first + scans]:
                         last = estimate(degraded(scan, "snr", level, seed + repeat))
-                        filtered = levels.update(scan.stamp_ns, last.probabilities)
-                    answers.append(
-                        (index, "snr", float(level), replace(last, probabilities=filtered))
-                    )
+                        if levels:
+                            filtered = levels.update(scan.stamp_ns, last.probabilities)
+                            last = replace(last, probabilities=filtered)
+                    answers.append((index, "snr", float(level), last))
     return gather(answers)
 
 
 def step_response(
-    estimate: Estimator,
+    follow: Callable[[], Estimator],
     drives: Sequence[Drive],
     make_filter: Callable[[], LevelFilter],
     *,
@@ -253,7 +260,7 @@ def step_response(
     """Return the filtered level, %, of drives whose second half is degraded: (drives, scans)."""
     rows = []
     for drive in drives:
-        levels = make_filter()
+        levels, estimate = make_filter(), follow()
         half = len(drive.scans) // 2
         rows.append(
             [

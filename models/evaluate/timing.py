@@ -36,6 +36,15 @@ def one_thread() -> Iterator[None]:
 
 def camera_data() -> Path | None:
     """Return the folder of real recordings: ``MURK_DATA``, or beside the checkout; else None."""
+    return _data("camera/index.csv")
+
+
+def recordings() -> Path | None:
+    """Return the same folder where it has recorded radar drives; else None."""
+    return _data("radar/nuscenes_mini")
+
+
+def _data(holding: str) -> Path | None:
     beside = Path(__file__).resolve().parents[2].parent / "shared" / "data"
     data = Path(os.environ.get("MURK_DATA") or beside)
-    return data if (data / "camera" / "index.csv").is_file() else None
+    return data if (data / holding).exists() else None

@@ -1,30 +1,32 @@
 """Trains the radar's network: ``murk train radar``.
 
-A perceptron on ``radar_features``; it answers in logits over the eleven levels and over the kinds.
-What it can do on a drive it has not seen is measured first, by leaving each recorded drive out in
-turn; the temperature of its probabilities comes from those answers too. The network that is
-written is then trained the same way on all drives.
+Perceptrons on ``radar_window`` in one file: some for a scan alone, some for a scan with those
+before it. They answer in logits over the eleven levels and over the kinds. What they can do on a
+drive they have not seen is measured first, by leaving each recorded drive out in turn; the
+temperatures of the probabilities come from those answers too. The network that is written is then
+trained the same way on all drives.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dbc.errors import MissingExtra
-from drivers.scan import RadarScan
 from models.degrade.radar import KINDS
+from models.estimate.filter import LevelFilter
 from models.estimate.level import LEVELS, RADAR_KINDS, Estimate
 from models.estimate.network import softmax
 from models.estimate.radar import RadarEstimator
-from models.estimate.radar_features import FEATURES, VERSION, features
+from models.estimate.radar_features import FEATURES
+from models.estimate.radar_window import FOLLOWS, INPUTS, VERSION
 from models.evaluate.radar import (
     Answers,
     Drive,
-    Estimator,
     joined,
     measure,
     measure_together,
@@ -33,6 +35,7 @@ from models.evaluate.radar import (
     simulated_drive,
     step_response,
 )
+from models.evaluate.radar_bound import with_clean_scan
 from models.training.radar_card import STEP_LEVEL, Results, write_card
 from models.training.radar_scans import Amounts, Samples, make_samples
 
@@ -52,7 +55,7 @@ Report = Callable[[dict[str, object]], None]
 _HIDDEN = 64
 _DROPOUT = 0.2
 _BATCH = 512
-_EPOCHS = 10
+_EPOCHS = 8
 _PEAK_RATE = 3e-3
 _WEIGHT_DECAY = 1e-2
 _RANKED_WEIGHT = 1.0
@@ -63,33 +66,33 @@ _STANDARD_DEVIATIONS = 4.0
 _TAIL = 0.05
 _SMALLEST_STD = 0.02
 
-_AMOUNTS = Amounts(repeats=8, joined=3000, worlds=500, per_world=4, sparse=200)
-_QUICK_AMOUNTS = Amounts(repeats=1, joined=20, worlds=2, per_world=2, sparse=5)
+_AMOUNTS = Amounts(repeats=10, joined=3000, worlds=200, sparse=200)
+_QUICK_AMOUNTS = Amounts(repeats=1, joined=20, worlds=2, sparse=5)
 _QUICK_DRIVES = 2
 _QUICK_SCANS = 7
 _DRAWS = 2
+_BOUND_STEP = 5
+"""Of recorded scans and of simulated drives, the bound is that of every fifth."""
 _TEST_WORLDS = range(2**31, 2**31 + 60)
 """Worlds that no training draws: its seeds are below."""
 
 
 class Perceptron(torch.nn.Module):
-    """Two hidden layers on standardised features; logits of the level divided by a temperature.
+    """Two hidden layers on standardised inputs; logits of levels, then kinds.
 
     Parameters
     ----------
     mean, std:
-        Of the training features, (n,) each.
+        Of the training inputs, (n,) each; inputs beyond are not read.
     """
 
     mean: Tensor
     std: Tensor
-    temperature: Tensor
 
     def __init__(self, mean: Tensor, std: Tensor) -> None:
         super().__init__()
         self.register_buffer("mean", mean)
         self.register_buffer("std", std)
-        self.register_buffer("temperature", torch.ones(()))
         self.layers = torch.nn.Sequential(
             torch.nn.Linear(len(mean), _HIDDEN),
             torch.nn.ReLU(),
@@ -100,13 +103,44 @@ class Perceptron(torch.nn.Module):
             torch.nn.Linear(_HIDDEN, len(LEVELS) + len(RADAR_KINDS)),
         )
 
-    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """Return logits of level (batch, 11) and of kind (batch, 5)."""
+    def forward(self, inputs: Tensor) -> Tensor:
+        """Return logits (batch, 16)."""
         limit = _STANDARD_DEVIATIONS
-        standard = ((features - self.mean) / self.std).clamp(-limit, limit)
-        logits = self.layers(standard)
-        level, kind = logits[:, : len(LEVELS)], logits[:, len(LEVELS) :]
-        return level / self.temperature, kind
+        standard = ((inputs[:, : len(self.mean)] - self.mean) / self.std).clamp(-limit, limit)
+        logits: Tensor = self.layers(standard)
+        return logits
+
+
+class RadarNet(torch.nn.Module):
+    """Answers by one perceptron for a scan alone, by another for a scan with others before it.
+
+    Logits of the level are divided by the temperature of that perceptron.
+    """
+
+    temperatures: Tensor
+    kinds: tuple[str, ...] = RADAR_KINDS
+
+    def __init__(self, alone: Perceptron, follows: Perceptron) -> None:
+        super().__init__()
+        self.alone = alone
+        self.follows = follows
+        self.register_buffer("temperatures", torch.ones(2))
+
+    def forward(self, window: Tensor) -> tuple[Tensor, Tensor]:
+        """Return logits of level (batch, 11) and of kind (batch, 5)."""
+        follows = window[:, FOLLOWS : FOLLOWS + 1] > 0.5
+        logits = torch.where(follows, self.follows(window), self.alone(window))
+        temperature = torch.where(follows, self.temperatures[1], self.temperatures[0])
+        return logits[:, : len(LEVELS)] / temperature, logits[:, len(LEVELS) :]
+
+    def run(self, inputs: Mapping[str, NDArray[np.float32]]) -> Estimate:
+        """Return the estimate for one window, as ``models.estimate.network.Network`` does."""
+        with torch.no_grad():
+            level, kind = self(torch.from_numpy(inputs["window"]))
+        return Estimate(
+            probabilities=softmax(level[0].numpy()),
+            kind_probabilities=dict(zip(RADAR_KINDS, softmax(kind[0].numpy()), strict=True)),
+        )
 
 
 def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -> dict[str, object]:
@@ -145,21 +179,22 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
     report({"samples": len(samples.levels)})
     folds = []
     for index, drive in enumerate(drives):
-        folds.append(_fit(samples.without(index), seed))
+        folds.append(fit(samples.without(index), seed))
         report({"trained without": drive.name, "fold": index + 1, "of": len(drives)})
-    temperature = _temperature(_single_scans(folds, drives, draws=1, seed=seed))
-    network = _fit(samples, seed)
+    alone, follows = _unfiltered(folds, drives, seed=seed)
+    temperatures = (_temperature(alone), _temperature(follows))
+    network = fit(samples, seed)
     for each in (*folds, network):
-        each.temperature.fill_(temperature)
+        each.temperatures.copy_(torch.tensor(temperatures))
     export(
         network,
-        {"features": torch.zeros(1, FEATURES)},
+        {"window": torch.zeros(1, INPUTS)},
         output,
         model="radar",
         version=VERSION,
         kinds=RADAR_KINDS,
     )
-    results = _results(folds, RadarEstimator(output).estimate, drives, quick=quick, seed=seed)
+    results = _results(folds, RadarEstimator(output), drives, quick=quick, seed=seed)
     parameters = sum(parameter.numel() for parameter in network.parameters())
     write_card(
         output.with_suffix(".md"),
@@ -167,7 +202,7 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
         results=results,
         samples=len(samples.levels),
         parameters=parameters,
-        temperature=temperature,
+        temperatures=temperatures,
         seed=seed,
     )
     return {
@@ -178,27 +213,42 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
     }
 
 
-def _fit(samples: Samples, seed: int) -> Perceptron:
+def fit(samples: Samples, seed: int) -> RadarNet:
+    """Train a network on samples of scans alone and with scans before them."""
     torch.manual_seed(seed)
-    features = torch.from_numpy(samples.features)
+    follows = samples.inputs[:, FOLLOWS] > 0.5
+    alone, windows = samples.among(~follows), samples.among(follows)
+    return RadarNet(_fit(alone, alone.inputs[:, :FEATURES]), _fit(windows, windows.inputs)).eval()
+
+
+def fit_alone(samples: Samples, seed: int) -> RadarNet:
+    """Train a network on samples of scans alone; windows it answers in the same way."""
+    torch.manual_seed(seed)
+    alone = _fit(samples, samples.inputs[:, :FEATURES])
+    return RadarNet(alone, alone).eval()
+
+
+def _fit(samples: Samples, columns: NDArray[np.float32]) -> Perceptron:
+    inputs = torch.from_numpy(np.ascontiguousarray(columns))
     levels, kinds = torch.from_numpy(samples.levels), torch.from_numpy(samples.kinds)
     counts = torch.bincount(kinds, minlength=len(RADAR_KINDS)).clamp(min=1)
     kind_weights = len(kinds) / (len(RADAR_KINDS) * counts)
     level_weights = torch.where(kinds > RADAR_KINDS.index("snr"), _PART_WEIGHT, 1.0)
-    network = Perceptron(*_location_and_scale(features))
-    steps = _EPOCHS * -(-len(features) // _BATCH)
+    network = Perceptron(*_location_and_scale(inputs))
+    steps = _EPOCHS * -(-len(inputs) // _BATCH)
     optimizer = torch.optim.AdamW(network.parameters(), weight_decay=_WEIGHT_DECAY)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, _PEAK_RATE, total_steps=steps)
     for _ in range(_EPOCHS):
-        for batch in torch.split(torch.randperm(len(features)), _BATCH):
-            level, kind = network(features[batch])
+        for batch in torch.split(torch.randperm(len(inputs)), _BATCH):
+            logits = network(inputs[batch])
+            level, kind = logits[:, : len(LEVELS)], logits[:, len(LEVELS) :]
             loss = (level_weights[batch] * _level_loss(level, levels[batch])).mean()
             loss = loss + _KIND_WEIGHT * functional.cross_entropy(kind, kinds[batch], kind_weights)
             optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             optimizer.step()
             schedule.step()
-    return network.eval()
+    return network
 
 
 def _location_and_scale(features: Tensor) -> tuple[Tensor, Tensor]:
@@ -216,30 +266,16 @@ def _level_loss(logits: Tensor, levels: Tensor) -> Tensor:
     return functional.cross_entropy(logits, levels, reduction="none") + _RANKED_WEIGHT * ranked
 
 
-def answers_of(network: Perceptron) -> Estimator:
-    """Return the network as an estimator of scans, without a file."""
+def _unfiltered(
+    folds: Sequence[RadarNet], drives: Sequence[Drive], *, seed: int
+) -> tuple[Answers, Answers]:
+    """Return what each fold's network says on the drive that it has not seen.
 
-    def estimate(scan: RadarScan) -> Estimate:
-        with torch.no_grad():
-            level, kind = network(torch.from_numpy(features(scan))[None])
-        return Estimate(
-            probabilities=softmax(level[0].numpy()),
-            kind_probabilities=dict(zip(RADAR_KINDS, softmax(kind[0].numpy()), strict=True)),
-        )
-
-    return estimate
-
-
-def _single_scans(
-    folds: Sequence[Perceptron], drives: Sequence[Drive], *, draws: int, seed: int
-) -> Answers:
-    """Return the answers of each fold's network on the drive that it has not seen."""
-    return joined(
-        [
-            measure(answers_of(network), [drive], draws=draws, seed=seed)
-            for network, drive in zip(folds, drives, strict=True)
-        ]
-    )
+    First to scans alone, then to windows of seven.
+    """
+    pairs = [(RadarEstimator(network), drive) for network, drive in zip(folds, drives, strict=True)]
+    alone = [measure(one.estimate, [drive], draws=1, seed=seed) for one, drive in pairs]
+    return joined(alone), _sequences(pairs, None, 1, seed)
 
 
 def _temperature(answers: Answers) -> float:
@@ -255,15 +291,15 @@ def _temperature(answers: Answers) -> float:
 
 
 def _results(
-    folds: Sequence[Perceptron],
-    shipped: Estimator,
+    folds: Sequence[RadarNet],
+    shipped: RadarEstimator,
     drives: Sequence[Drive],
     *,
     quick: bool,
     seed: int,
 ) -> Results:
     draws = 1 if quick else _DRAWS
-    unseen = [answers_of(network) for network in folds]
+    unseen = [RadarEstimator(network) for network in folds]
     pairs = list(zip(unseen, drives, strict=True))
     worlds = _TEST_WORLDS[:1] if quick else _TEST_WORLDS
     simulated = [simulated_drive(world, 7 * index, 14) for index, world in enumerate(worlds)]
@@ -271,17 +307,46 @@ def _results(
     return Results(
         kinds={
             kind: joined(
-                [measure(one, [drive], draws=draws, seed=seed, kind=kind) for one, drive in pairs]
+                [
+                    measure(one.estimate, [drive], draws=draws, seed=seed, kind=kind)
+                    for one, drive in pairs
+                ]
             )
             for kind in KINDS
         },
-        together=joined(
-            [
-                measure_together(one, [drive], radar_filter, scans=7, draws=draws, seed=seed)
-                for one, drive in pairs
-            ]
+        window=_sequences(pairs, None, draws, seed),
+        together=_sequences(pairs, radar_filter, draws, seed),
+        simulated=measure(shipped.estimate, simulated, draws=1, seed=seed),
+        second=measure_together(shipped.follow, simulated, None, scans=14, draws=1, seed=seed),
+        filtered_second=measure_together(
+            shipped.follow, simulated, radar_filter, scans=14, draws=1, seed=seed
         ),
-        simulated=measure(shipped, simulated, draws=1, seed=seed),
-        second=measure_together(shipped, simulated, radar_filter, scans=14, draws=1, seed=seed),
-        step=step_response(shipped, stepped, radar_filter, level=STEP_LEVEL, seed=seed),
+        bounds=tuple(
+            (
+                with_clean_scan(clean, scans=scans, draws=1, moves=False, seed=seed),
+                with_clean_scan(clean, scans=scans, draws=1, moves=True, seed=seed),
+            )
+            for clean, scans in (
+                ([Drive(each.name, each.scans[::_BOUND_STEP]) for each in drives], 1),
+                (drives, 7),
+                (simulated[::_BOUND_STEP], 1),
+                (simulated[::_BOUND_STEP], 14),
+            )
+        ),
+        step=step_response(shipped.follow, stepped, radar_filter, level=STEP_LEVEL, seed=seed),
+    )
+
+
+def _sequences(
+    pairs: Sequence[tuple[RadarEstimator, Drive]],
+    make_filter: Callable[[], LevelFilter] | None,
+    draws: int,
+    seed: int,
+) -> Answers:
+    """Return what each estimator says to sequences of seven scans of its drive."""
+    return joined(
+        [
+            measure_together(one.follow, [drive], make_filter, scans=7, draws=draws, seed=seed)
+            for one, drive in pairs
+        ]
     )

@@ -17,9 +17,12 @@ from numpy.typing import NDArray
 from drivers.scan import RadarScan
 from models.degrade.radar import KINDS
 from models.estimate.level import LEVELS, RADAR_KINDS
-from models.estimate.radar_features import ego_motion, features
-from models.evaluate.radar import Drive, degraded, simulated_drive
+from models.estimate.radar_view import ego_motion
+from models.estimate.radar_window import WINDOW, Evidence, evidence, inputs
+from models.evaluate.radar import Drive, degraded
 from models.sensor import ARS408
+from models.world.radar import WorldRadar
+from models.world.road import World
 
 SIMULATED = -1
 """Stands for the drive of a simulated scan, which is left out of no fold."""
@@ -29,7 +32,13 @@ _RCS_STD = 1.5
 _FEWEST = 8
 _SPARSE = 40
 _CYCLES_PER_WORLD = 400
+_WORLD_S = 46.0
+_SECOND = 14
+_STRIDE, _STRIDES = 7, 8
+"""Every seventh simulated scan is one of the recorded drives' 2 Hz."""
 _SHARE_WITH_QUALITY = 0.7
+_STEPS = 2
+"""Sequences with a step of ``snr`` at each clean one that is longer than a scan."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,39 +47,44 @@ class Samples:
 
     Attributes
     ----------
-    features:
-        (n, features) float32.
+    inputs:
+        (n, inputs) float32, see ``models.estimate.radar_window``.
     levels:
-        Index into ``LEVELS``, (n,).
+        Index into ``LEVELS`` of the last scan's, (n,).
     kinds:
         Index into ``RADAR_KINDS``, (n,).
     drives:
         The one or two drives that each comes from, (n, 2), by index, or ``SIMULATED``.
     """
 
-    features: NDArray[np.float32]
+    inputs: NDArray[np.float32]
     levels: NDArray[np.int64]
     kinds: NDArray[np.int64]
     drives: NDArray[np.int64]
 
     def without(self, drive: int) -> Samples:
         """Return the samples that have nothing of a drive."""
-        rest = (self.drives != drive).all(axis=1)
-        return Samples(self.features[rest], self.levels[rest], self.kinds[rest], self.drives[rest])
+        return self.among((self.drives != drive).all(axis=1))
+
+    def among(self, chosen: NDArray[np.bool_]) -> Samples:
+        """Return the samples that a mask (n,) selects."""
+        return Samples(
+            self.inputs[chosen], self.levels[chosen], self.kinds[chosen], self.drives[chosen]
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Amounts:
-    """How many clean scans of each sort to degrade.
+    """How much of each sort to degrade.
 
     Attributes
     ----------
     repeats:
-        Times that every recorded scan is taken.
+        Times that every recorded drive is taken.
     joined:
         Scans joined of two recorded ones.
-    worlds, per_world:
-        Simulated drives, and scans of each.
+    worlds:
+        Simulated drives; of each a second of scans and four seconds of every seventh scan.
     sparse:
         Recorded scans of which one to forty clusters are left, so that a scan of few clusters is
         known to say little.
@@ -79,47 +93,83 @@ class Amounts:
     repeats: int
     joined: int
     worlds: int
-    per_world: int
     sparse: int
 
 
 def make_samples(drives: Sequence[Drive], amounts: Amounts, *, seed: int) -> Samples:
-    """Return every clean scan degraded at all levels, and once by each part of ``snr`` alone."""
+    """Return samples of every scan of every clean sequence, degraded in every way.
+
+    At all levels of ``snr``, once by each part of it alone, and with steps of ``snr``. A scan is
+    one sample alone, and one with some of those before it if there are any.
+    """
     rows, levels, kinds, origins = [], [], [], []
     rng = np.random.default_rng(seed)
-    for number, (scan, origin) in enumerate(_clean_scans(drives, amounts, rng)):
-        tasks = [("snr", float(level)) for level in LEVELS]
-        tasks += [(kind, float(rng.choice(LEVELS))) for kind in KINDS if kind != "snr"]
-        for kind, level in tasks:
-            rows.append(features(degraded(scan, kind, level, seed + number)))
-            levels.append(int(np.searchsorted(LEVELS, level)))
-            kinds.append(RADAR_KINDS.index(kind if level else "clean"))
-            origins.append(origin)
+    for number, (scans, origin) in enumerate(_clean_sequences(drives, amounts, rng)):
+        for kind, course in _courses(len(scans), rng):
+            pairs = zip(scans, course, strict=True)
+            sequence = [degraded(scan, kind, level, seed + number) for scan, level in pairs]
+            for own, level in zip(_windows(sequence, rng), course, strict=True):
+                rows += own
+                levels += [int(np.searchsorted(LEVELS, level))] * len(own)
+                kinds += [RADAR_KINDS.index(kind if level else "clean")] * len(own)
+                origins += [origin] * len(own)
     return Samples(np.array(rows), np.array(levels), np.array(kinds), np.array(origins))
 
 
-def _clean_scans(
+def _courses(n: int, rng: np.random.Generator) -> Iterator[tuple[str, list[float]]]:
+    """Yield kinds with the level of each of n scans."""
+    for level in LEVELS:
+        yield "snr", [float(level)] * n
+    for kind in KINDS:
+        if kind != "snr":
+            yield kind, [float(rng.choice(LEVELS))] * n
+    for _ in range(_STEPS if n > 1 else 0):
+        first = int(rng.integers(1, n))
+        before, after = rng.choice(LEVELS, 2)
+        yield "snr", [float(before)] * first + [float(after)] * (n - first)
+
+
+def _windows(
+    scans: Sequence[RadarScan], rng: np.random.Generator
+) -> Iterator[list[NDArray[np.float32]]]:
+    """Yield the inputs from each scan: alone, and with one to all of those before it."""
+    known: list[Evidence] = []
+    for scan in scans:
+        if not len(scan):
+            known.clear()
+            yield []
+            continue
+        known.append(evidence(scan, known[-1] if known else None))
+        own = [inputs(known[-1:])]
+        longest = min(len(known), WINDOW)
+        if longest > 1:
+            own.append(inputs(known[-int(rng.integers(2, longest, endpoint=True)) :]))
+        yield own
+
+
+def _clean_sequences(
     drives: Sequence[Drive], amounts: Amounts, rng: np.random.Generator
-) -> Iterator[tuple[RadarScan, tuple[int, int]]]:
+) -> Iterator[tuple[Sequence[RadarScan], tuple[int, int]]]:
     for index, drive in enumerate(drives):
-        for scan in drive.scans * amounts.repeats:
-            yield scan, (index, index)
+        for _ in range(amounts.repeats):
+            yield drive.scans, (index, index)
     for _ in range(amounts.joined):
         first, second = rng.integers(len(drives), size=2)
         scans = [drives[index].scans for index in (first, second)]
         pair = [some[rng.integers(len(some))] for some in scans]
-        yield join(pair[0], pair[1], rng), (int(first), int(second))
+        yield [join(pair[0], pair[1], rng)], (int(first), int(second))
     for _ in range(amounts.sparse):
         index = int(rng.integers(len(drives)))
         scan = drives[index].scans[rng.integers(len(drives[index].scans))]
         few = rng.permutation(len(scan))[: rng.integers(1, _SPARSE, endpoint=True)]
-        yield _chosen(scan, np.sort(few)), (index, index)
+        yield [_chosen(scan, np.sort(few))], (index, index)
     for _ in range(amounts.worlds):
-        world, quality = int(rng.integers(2**31)), bool(rng.random() < _SHARE_WITH_QUALITY)
-        for cycle in rng.choice(_CYCLES_PER_WORLD, amounts.per_world, replace=False):
-            scan = simulated_drive(world, int(cycle), 1, quality=quality).scans[0]
-            if len(scan):
-                yield scan, (SIMULATED, SIMULATED)
+        world = World(int(rng.integers(2**31)), _WORLD_S)
+        radar = WorldRadar(world, quality=bool(rng.random() < _SHARE_WITH_QUALITY))
+        for count, stride in ((_SECOND, 1), (_STRIDES, _STRIDE)):
+            first = int(rng.integers(_CYCLES_PER_WORLD))
+            scans = [radar.scan(first + stride * index) for index in range(count)]
+            yield scans, (SIMULATED, SIMULATED)
 
 
 def join(left: RadarScan, right: RadarScan, rng: np.random.Generator) -> RadarScan:

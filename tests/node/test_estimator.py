@@ -1,0 +1,52 @@
+"""The estimator of one sensor in a live run: a window fills, and a step is followed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from drivers.scan import RadarScan
+from models.estimate.level import NoiseLevel
+from models.evaluate.radar import degraded, simulated_drive
+from node.estimator import Estimator, load_network
+
+SEED = 2**31 + 4000  # of a world that no training draws
+
+
+def level_of(estimator: Estimator, scan: RadarScan) -> NoiseLevel:
+    return estimator.estimate(scan, arrival_ns=0, injected=None, dropped=0)
+
+
+def test_radar_is_estimated_from_a_window_that_fills() -> None:
+    clean = simulated_drive(SEED, 50, 14).scans
+    estimator, alone = Estimator("radar"), load_network("radar")
+    noisy = [degraded(scan, "snr", 50.0, seed=1) for scan in clean]
+    answers = [level_of(estimator, scan) for scan in noisy]
+    assert answers[0].raw == alone(noisy[0]).level
+    assert answers[-1].raw != alone(noisy[-1]).level
+    assert answers[-1].std < answers[0].std
+    assert abs(answers[-1].level - 50.0) < 10.0
+
+
+def test_step_is_followed_within_two_seconds() -> None:
+    clean = simulated_drive(SEED + 1, 50, 56).scans
+    estimator = Estimator("radar")
+    for index, scan in enumerate(clean):
+        last = level_of(estimator, degraded(scan, "snr", 70.0 * (index >= 28), seed=2))
+        if index == 27:
+            assert last.level < 10.0
+            assert last.kind == "clean"
+    assert abs(last.level - 70.0) < 12.0
+
+
+def test_same_scans_same_answers_whatever_came_before_a_long_silence() -> None:
+    clean = simulated_drive(SEED + 2, 50, 4).scans
+    later = [replace(scan, stamp_ns=scan.stamp_ns + 3600 * 10**9) for scan in clean]
+    fresh, used = Estimator("radar"), Estimator("radar")
+    for scan in clean:
+        level_of(used, degraded(scan, "snr", 90.0, seed=3))
+    for scan in later:
+        first, second = level_of(fresh, scan), level_of(used, scan)
+        assert first.raw == second.raw
+        np.testing.assert_allclose(first.probabilities, second.probabilities, atol=1e-6)
