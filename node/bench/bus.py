@@ -100,7 +100,7 @@ def _waiting_frames(quick: bool) -> Iterator[Point | Goal]:
 
 def _full_bus(quick: bool) -> Iterator[Point]:
     """Measure both while the frames of a full bus come one by one, each read as its users do."""
-    cycles = (2 if quick else 10) * FULL_LOAD // (CLUSTERS + 1)
+    cycles = (1 if quick else 10) * FULL_LOAD // (CLUSTERS + 1)
     datagrams = list(pack_frames(simulated_log(CLUSTERS, quality=False, cycles=cycles)))
     readers = {"python-can and cantools": _read_one_by_one, "murk": _read_gathered}
     for variant, read in readers.items():

@@ -38,7 +38,7 @@ pytestmark = needs_machine
 CYCLE_NS = 72_000_000
 WIRE_FRAMES = 100_000
 FULL_LOAD = 4000
-SLOW_NS = 2_000_000
+SLOW_NS = 4_000_000
 """From frame to frame, that emulated Python keeps pace."""
 PATIENCE_S = 60.0
 
@@ -194,19 +194,19 @@ def test_both_ways_carry_each_frame_once(data: Path, tmp_path: Path) -> None:
 
 
 def test_low_latency_sends_each_cluster_when_it_comes(data: Path, tmp_path: Path) -> None:
-    sent = drive(data, 20)
+    sent = drive(data, 10)
     sent = replace(sent, stamp_ns=np.arange(len(sent)) * SLOW_NS)
     write_candump(tmp_path / "sent.log", [sent])
     wanted = scene("radar:missed:60")
     with candump(tmp_path / "heard.log"), Gateway(wanted, "vcan1", low_latency=True) as gateway:
         canplayer(tmp_path / "sent.log")
-        wait_until(lambda: gateway.summary()["degraded"] == 20)
+        wait_until(lambda: gateway.summary()["degraded"] == 10)
     came, went = scans(sent), scans(heard_in(tmp_path / "heard.log"))
     assert [scan.meas_counter for scan in went] == [scan.meas_counter for scan in came]
     assert all(scan.frames_lost == scan.strays == 0 for scan in went)
     assert sum(map(len, went)) < 0.95 * sum(map(len, came))
     scan_ns = 250 * SLOW_NS
-    assert gateway.summary()["latency_p50_ns"] < scan_ns / 3
+    assert gateway.summary()["latency_p50_ns"] < scan_ns / 2, "a stored one is as late as it took"
 
 
 def test_the_command_obeys_and_ends_with_a_whole_scan_and_silence(
