@@ -93,7 +93,7 @@ export class BirdsEye {
     for (let metres = 2 * RINGS[this.range]; metres <= this.range; metres += 2 * RINGS[this.range]) {
       const angle = ((NAMES_ANGLE - 90) * Math.PI) / 180;
       const column = origin.x + metres * scale * Math.cos(angle);
-      context.fillText(`${metres} m`, Math.min(column + 4, width - 40), origin.y + metres * scale * Math.sin(angle));
+      context.fillText(`${metres} m`, Math.min(column + 4, width - 46), origin.y + metres * scale * Math.sin(angle));
     }
   }
 
