@@ -15,6 +15,7 @@ from drivers.frame import Frame
 
 CARD_PREFIX = "v4l2:"
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})
+VIDEO_SUFFIXES = frozenset({".avi", ".h264", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".webm"})
 
 
 class FrameSource(ABC):

@@ -9,6 +9,7 @@ bands of a few full rows spread over the height, so that the cost does not grow 
 - Histograms of differences at several distances: noise against structure.
 - The power spectrum along rows and along columns: a Gaussian blur multiplies it by
   exp(−σ²ω²), noise and rounding lay a floor under it.
+- A coarse map of brightness and of detail: fog lies on the horizon, drops and dirt on a part.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ _PIXELS = 80_000
 _LINE_PIXELS = 16_000
 _SEGMENT = 64
 _BUSY_SHARES = (0.25, 0.1, 0.03)
+_MAP = (12, 6)
 _FLOOR = 0.01  # well under the 1/12 count² of rounding to 8 bit
 _SQUARE = np.ones((3, 3), np.uint8)
 _DIFFERENCE_EDGES = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
@@ -94,6 +96,7 @@ def image_features(image: NDArray[np.uint8], effort: float = 1.0) -> NDArray[np.
         _comb(planes),
         _differences(planes[1]),
         _spectra(image[..., 1], effort),
+        _maps(planes[1]),
     ]
     return np.concatenate(parts, dtype=np.float32)
 
@@ -159,6 +162,20 @@ def _differences(green: NDArray[np.uint8]) -> NDArray[np.float32]:
         difference = np.asarray(cv2.absdiff(one, other), np.uint8)
         parts.append(np.add.reduceat(_count(difference), _DIFFERENCE_EDGES) / difference.size)
     return np.asarray(np.sqrt(np.concatenate(parts)), np.float32)
+
+
+def _maps(green: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return brightness and log detail of 6 × 12 places, and the detail in rising order."""
+    columns, rows = _MAP
+    detail = np.asarray(cv2.absdiff(green[:, 1:], green[:, :-1]), np.uint8)
+    brightness, roughness = (
+        np.ravel(
+            cv2.resize(plane.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA)
+        )
+        for plane in (green, detail)
+    )
+    log_detail = np.log(roughness + _FLOOR)
+    return np.concatenate([brightness / 255, log_detail, np.sort(log_detail)], dtype=np.float32)
 
 
 def _spectra(green: NDArray[np.uint8], effort: float) -> NDArray[np.float32]:

@@ -10,7 +10,19 @@ from numpy.typing import NDArray
 LEVELS = np.arange(0.0, 101.0, 10.0)
 """The eleven noise levels, %, shape (11,)."""
 
-CAMERA_KINDS = ("clean", "blur", "over", "under", "noise")
+CAMERA_KINDS = (
+    "clean",
+    "blur",
+    "over",
+    "under",
+    "noise",
+    "low_light",
+    "poisson",
+    "salt_pepper",
+    "jpeg",
+    "dead",
+)
+"""Kinds that the camera's network tells apart; weather, dirt and motion are not among them."""
 RADAR_KINDS = ("clean", "snr", "ghosts", "missed", "jitter")
 
 

@@ -8,24 +8,30 @@ from pathlib import Path
 
 import numpy as np
 
+from models.estimate.level import CAMERA_KINDS
 from models.evaluate.camera import Answers, CleanFrame
+from models.training.camera_frames import Recipe
 
 _HEAD = """\
 # Camera noise level
 
 Tells from one frame how degraded it is: a distribution over eleven levels (0, 10, …, 100 %) and
-the kind (clean, blur, over, under, noise).
+the kind ({kinds}).
 
 - Input `features`: what `models.estimate.image_features` reads from a BGR frame of any size, at
   native resolution. Outputs `level` and `kind`: logits.
 - {parameters:,} parameters; {samples:,} training samples; seed {seed}.
-- Reproduce: `murk train camera --data DATA --seed {seed}`.
+- Reproduce: `murk train camera --data DATA --seed {seed}`; on a machine of another make the last
+  digits may differ.
 
 ## Trained on
 
-Clean frames, varied (crop, shrinking, gamma, sharpening, sensor noise up to 2.5 counts, JPEG,
-H.264), then degraded by `models.degrade.camera` (blur: fast and exact method in equal shares); two
-percent of them are replaced by frames of one colour, which hold no evidence.
+Clean frames, varied (crop, shrinking, gamma, sharpening, sensor noise up to 2.5 counts, JPEG of
+quality 75 or more, H.264), then degraded by `models.degrade`: {main:.0%} by blur, over, under or
+noise (blur: fast and exact method in equal shares), {combined:.0%} by two kinds at once, the rest
+by the further kinds; {compressed:.0%} are compressed afterwards. Three percent of the clean frames
+are replaced by black, white or a bare wall, which hold no evidence. After the training
+the odds of a clean frame were raised twentyfold: in a drive most frames are clean.
 {terms}
 | source | licence | frames |
 |---|---|---|
@@ -39,9 +45,11 @@ trained on them inherit those terms is not settled: for commercial use, train on
 _MEASURED = """
 ## Measured
 
-Clean frames of scenes that are in no other split, at native size; kinds in equal shares, levels
-uniform over the eleven. Nothing was trained on `val` or `test`; the level's temperature was set on
-`val`. Mean error: distance of the mean of the distribution from the true level, percentage points.
+Clean frames of scenes that are in no other split, at native size; blur, over, under and noise in
+equal shares, levels uniform over the eleven; the further kinds, combinations and compression are in
+the report of `murk bench estimate`. Nothing was trained on `val` or `test`; the level's temperature
+was set on `val`. Mean error: distance of the mean of the distribution from the true level,
+percentage points.
 """
 
 _LIMITS = """
@@ -49,7 +57,9 @@ _LIMITS = """
 
 - Over-exposure of a noisy or sharpened picture is seen by its brightness only, and is the least
   certain; where pixels are locally constant, the gaps in the histogram betray the gain.
-- A picture that was compressed or resized after it was degraded is not what it was trained on.
+- A picture that was resized after it was degraded is not what it was trained on.
+- Weather, dirt and drops on the lens are not among its kinds: it takes them for a clean scene.
+  Motion is not either: it takes it for blur.
 - Naturally degraded frames (drops on the lens, motion blur) have no true level; none was used.
 """
 
@@ -81,7 +91,17 @@ def write_card(
     """
     restricted = sum(frame.restricted for frame in splits["train"])
     terms = _RESTRICTED.format(count=restricted) if restricted else ""
-    text = _HEAD.format(parameters=parameters, samples=samples, seed=seed, terms=terms)
+    recipe = Recipe()
+    text = _HEAD.format(
+        kinds=", ".join(CAMERA_KINDS),
+        parameters=parameters,
+        samples=samples,
+        seed=seed,
+        main=recipe.main,
+        combined=recipe.combined,
+        compressed=recipe.compressed,
+        terms=terms,
+    )
     sources = Counter((frame.source, frame.licence) for frame in splits["train"])
     for (source, licence), count in sorted(sources.items()):
         text += f"| {source} | {licence} | {count} |\n"

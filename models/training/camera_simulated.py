@@ -29,11 +29,17 @@ class SimulatedFrame:
 
     def read(self) -> NDArray[np.uint8]:
         """Return the image, (height, width, 3) uint8 BGR."""
-        return _camera(self.seed).frame(self.sequence).image
+        return _render(self.seed, self.sequence)
 
     def read_repaired(self) -> None:
         """Return None: no pixel was repaired."""
         return
+
+
+@cache
+def _render(seed: int, sequence: int) -> NDArray[np.uint8]:
+    """Return a frame; kept, since every pass over the frames reads each again."""
+    return _camera(seed).frame(sequence).image
 
 
 @cache

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from dbc.errors import InputError
-from drivers.camera import IMAGE_SUFFIXES
+from drivers.camera import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from drivers.can_log import CANDUMP_SUFFIXES
 from node.recording import is_recording, sensor_topics
 from node.scene import SensorType
@@ -30,7 +30,6 @@ _RECORDED: tuple[Form, ...] = ("mcap_frames", "mcap_scans")
 MESSAGES = ("video", "log", *_RECORDED)
 """Forms of files that hold many messages."""
 
-VIDEO_SUFFIXES = frozenset({".avi", ".h264", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".webm"})
 
 _UNDERSTOOD = "a video, images, candump logs, MCAP, or nuScenes (samples/CAM_*, samples/RADAR_*)"
 _AMBIGUOUS = ".txt"

@@ -15,35 +15,20 @@ from dbc.errors import InputError
 from models.estimate.camera import CameraEstimator
 from models.estimate.image_features import FEATURES, image_features
 from models.evaluate.camera import clean_frames
+from models.evaluate.codecs import h264
 from models.training.camera import Perceptron, train
-from models.training.camera_frames import DEGRADED_PER_FRAME, h264, make_samples, vary
+from models.training.camera_frames import DEGRADED_PER_FRAME, make_samples
 from models.training.camera_simulated import simulated_frames
+from models.training.camera_vary import vary
 from models.training.export import export
 
-COLUMNS = ("split", "scene", "file", "source", "licence", "timeofday", "clean")
 
-
-@pytest.fixture(scope="module")
-def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a data folder with a few generated frames in each split."""
-    data = tmp_path_factory.mktemp("drives")
-    (data / "camera").mkdir()
-    rng = np.random.default_rng(0)
-    lines = [",".join(COLUMNS)]
-    for split in ("train", "val", "test"):
-        for number in range(3):
-            rough = rng.integers(0, 256, (12, 20, 3), np.uint8)
-            image = cv2.resize(rough, (320, 192), interpolation=cv2.INTER_CUBIC)
-            cv2.imwrite(str(data / "camera" / f"{split}{number}.png"), image)
-            lines.append(f"{split},{split},{split}{number}.png,drawn:here,none,day,1")
-    (data / "camera" / "index.csv").write_text("\n".join(lines))
-    return data
-
-
-def test_quick_training_writes_a_network_that_murk_loads(drives: Path, tmp_path: Path) -> None:
+def test_quick_training_writes_a_network_that_murk_loads(
+    camera_drives: Path, tmp_path: Path
+) -> None:
     records: list[dict[str, object]] = []
     output = tmp_path / "new" / "camera.onnx"
-    summary = train(drives, output, quick=True, seed=3, report=records.append)
+    summary = train(camera_drives, output, quick=True, seed=3, report=records.append)
     assert [record["epoch"] for record in records] == sorted(record["epoch"] for record in records)
     assert records[-1]["loss"] < records[0]["loss"]  # type: ignore[operator]
     assert summary["samples"] == (3 + 2) * DEGRADED_PER_FRAME
@@ -52,7 +37,7 @@ def test_quick_training_writes_a_network_that_murk_loads(drives: Path, tmp_path:
     card = output.with_suffix(".md").read_text()
     assert "| drawn | none | 3 |" in card
     again = tmp_path / "again.onnx"
-    train(drives, again, quick=True, seed=3, report=records.append)
+    train(camera_drives, again, quick=True, seed=3, report=records.append)
     assert again.read_bytes() == output.read_bytes()
 
 
@@ -76,12 +61,12 @@ def test_export_says_what_pytorch_says(tmp_path: Path) -> None:
         np.testing.assert_allclose(ours, theirs.numpy(), atol=1e-5)
 
 
-def test_samples_do_not_depend_on_the_order_of_the_frames(drives: Path) -> None:
-    frames = clean_frames(drives, "train")
+def test_samples_do_not_depend_on_the_order_of_the_frames(camera_drives: Path) -> None:
+    frames = clean_frames(camera_drives, "train")
     one = make_samples(frames, passes=1, seed=1)
     other = make_samples(frames[::-1], passes=1, seed=1)
-    assert np.array_equal(one.features[:6], other.features[-6:])
-    assert np.array_equal(one.levels[:6], other.levels[-6:])
+    assert np.array_equal(one.features[:DEGRADED_PER_FRAME], other.features[-DEGRADED_PER_FRAME:])
+    assert np.array_equal(one.levels[:DEGRADED_PER_FRAME], other.levels[-DEGRADED_PER_FRAME:])
     assert np.all((one.kinds == 0) == (one.levels == 0))
 
 

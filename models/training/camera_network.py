@@ -1,0 +1,139 @@
+"""The camera's network and how it learns from samples.
+
+The loss adds to the cross entropy the squared distance of the cumulative distributions (ranked
+probability score), because the levels are ordered: 50 % for 40 % is better than for 0 %.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import MissingExtra
+from models.estimate.level import CAMERA_KINDS, LEVELS
+from models.training.camera_frames import Samples
+
+try:
+    import torch
+except ImportError:
+    raise MissingExtra("train", "murk train camera") from None
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+HIDDEN = 192
+_BATCH = 256
+_WEIGHT_DECAY = 2e-2
+_RANKED_WEIGHT = 2.0
+_CLEAN = CAMERA_KINDS.index("clean")
+_CLEAN_WEIGHT = 3.0  # most frames of a drive are clean: a false alarm is the costliest error
+_CLEAN_LOG_ODDS = 3.0  # 20 times as often in a drive as among the samples
+_STANDARD_DEVIATIONS = 5.0
+
+
+class Perceptron(torch.nn.Module):
+    """Two hidden layers on standardised features; the level's logits divided by a temperature.
+
+    It answers jointly in kind and level, so that what it holds of the level goes by the kind that
+    it takes the degradation for; level and kind come from summing over the other.
+
+    Parameters
+    ----------
+    mean, std:
+        Of the training features, (n,) each.
+    hidden:
+        Width of the hidden layers.
+    """
+
+    mean: Tensor
+    std: Tensor
+    temperature: Tensor
+
+    def __init__(self, mean: Tensor, std: Tensor, hidden: int = HIDDEN) -> None:
+        super().__init__()
+        self.register_buffer("mean", mean)
+        self.register_buffer("std", std)
+        self.register_buffer("temperature", torch.ones(()))
+        self.layers = torch.nn.Sequential(
+            torch.nn.Dropout(0.1),
+            torch.nn.Linear(len(mean), hidden),
+            torch.nn.SiLU(),
+            torch.nn.Dropout(0.2),
+            torch.nn.Linear(hidden, hidden),
+            torch.nn.SiLU(),
+            torch.nn.Dropout(0.1),
+            torch.nn.Linear(hidden, len(CAMERA_KINDS) * len(LEVELS)),
+        )
+
+    def joint(self, features: Tensor) -> Tensor:
+        """Return logits of kind and level together, (batch, kinds, 11)."""
+        limit = _STANDARD_DEVIATIONS
+        standard = ((features - self.mean) / self.std).clamp(-limit, limit)
+        return self.layers(standard).reshape(-1, len(CAMERA_KINDS), len(LEVELS))
+
+    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """Return logits of level (batch, 11) and of kind (batch, kinds)."""
+        joint = self.joint(features)
+        return joint.logsumexp(dim=1) / self.temperature, joint.logsumexp(dim=2)
+
+
+def favour_clean(network: Perceptron) -> None:
+    """Raise the odds of a clean frame from those of the samples to those of a drive."""
+    last = network.layers[-1]
+    clean_at_0 = _CLEAN * len(LEVELS)
+    with torch.no_grad():
+        last.bias[clean_at_0] += _CLEAN_LOG_ODDS
+
+
+def fit(
+    network: Perceptron,
+    samples: Samples,
+    *,
+    epochs: int,
+    peak_rate: float,
+    report: Callable[[dict[str, object]], None],
+) -> None:
+    """Train a network, which ends in the state of evaluation; the rate rises and falls once.
+
+    Parameters
+    ----------
+    epochs:
+        A multiple of ten; after every tenth of them ``report`` gets a record of the progress.
+    """
+    features = torch.from_numpy(samples.features)
+    levels = torch.from_numpy(_spread_over_levels(samples.levels))
+    kinds = torch.from_numpy(samples.kinds)
+    steps = epochs * -(-len(features) // _BATCH)
+    optimizer = torch.optim.AdamW(network.parameters(), weight_decay=_WEIGHT_DECAY)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, peak_rate, total_steps=steps)
+    network.train()
+    for epoch in range(epochs):
+        total = 0.0
+        for batch in torch.split(torch.randperm(len(features)), _BATCH):
+            loss = _loss(network.joint(features[batch]), levels[batch], kinds[batch])
+            optimizer.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            optimizer.step()
+            schedule.step()
+            total += loss.item() * len(batch)
+        if (epoch + 1) % (epochs // 10) == 0:
+            report({"epoch": epoch + 1, "of": epochs, "loss": total / len(features)})
+    network.eval()
+
+
+def _spread_over_levels(levels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the distribution over the eleven levels that a level between two of them means."""
+    distance = np.abs(levels[:, np.newaxis] - LEVELS) / (LEVELS[1] - LEVELS[0])
+    return np.maximum(1 - distance, 0).astype(np.float32)
+
+
+def _loss(joint: Tensor, levels: Tensor, kinds: Tensor) -> Tensor:
+    log = joint.flatten(1).log_softmax(dim=1).view_as(joint)
+    of_kind = log[torch.arange(len(kinds)), kinds]
+    apart = log.exp().sum(dim=1).cumsum(dim=1) - levels.cumsum(dim=1)
+    losses = _RANKED_WEIGHT * apart.square().sum(dim=1) - (levels * of_kind).sum(dim=1)
+    weights = torch.where(kinds == _CLEAN, _CLEAN_WEIGHT, 1.0)
+    return (weights * losses).sum() / weights.sum()

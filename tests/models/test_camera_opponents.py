@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("sklearn")
+
+from dbc.errors import InputError
+from models.evaluate.classics import classic_features
+from models.evaluate.opponents import Opponent, read_opponents
+from models.training.camera_opponents import train_opponent
+from models.training.camera_paper import CROP, crop, paper_network
+
+
+def test_the_papers_network_has_the_papers_size() -> None:
+    assert sum(weights.numel() for weights in paper_network(900, 1600).parameters()) == 53_187
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (300, 1000, 3), (1080, 1920, 3)])
+def test_a_crop_has_one_size_and_keeps_pixels(shape: tuple[int, int, int]) -> None:
+    image = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
+    assert crop(image).shape == (*CROP, 3)
+    assert np.isin(crop(image), image).all()
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (7, 900, 3), (240, 320, 3)])
+def test_classic_features_of_any_size_are_finite(shape: tuple[int, int, int]) -> None:
+    features = classic_features(np.zeros(shape, np.uint8))
+    assert features.shape == classic_features(np.zeros((50, 60, 3), np.uint8)).shape
+    assert np.isfinite(features).all()
+
+
+@pytest.mark.parametrize("name", ["regressor", "trees"])
+def test_an_opponent_is_measured_as_the_network_is(
+    camera_drives: Path,
+    tmp_path: Path,
+    name: str,
+) -> None:
+    output = tmp_path / f"camera_{name}.json"
+    train_opponent(name, camera_drives, output, quick=True, seed=0, report=lambda _: None)
+    text = output.read_text()
+    assert Opponent(**json.loads(text)).tables["test"]["all"]["count"] == 6
+
+
+def test_unknown_opponent(camera_drives: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="regressor"):
+        train_opponent(
+            "x", camera_drives, tmp_path / "o.json", quick=True, seed=0, report=lambda _: None
+        )
+
+
+def test_shipped_opponents_are_worse_than_murk() -> None:
+    for opponent in read_opponents("camera"):
+        assert opponent.run_time_us > 0
+        assert opponent.tables["test"]["all"]["mean_error"] > 2
