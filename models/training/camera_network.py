@@ -82,10 +82,9 @@ class Perceptron(torch.nn.Module):
 
 def favour_clean(network: Perceptron) -> None:
     """Raise the odds of a clean frame from those of the samples to those of a drive."""
-    last = network.layers[-1]
-    clean_at_0 = _CLEAN * len(LEVELS)
+    *_, bias = network.parameters()
     with torch.no_grad():
-        last.bias[clean_at_0] += _CLEAN_LOG_ODDS
+        bias[_CLEAN * len(LEVELS)] += _CLEAN_LOG_ODDS
 
 
 def fit(
