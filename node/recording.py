@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from node.scene import Sensor, SensorType
 
 _SUFFIX = ".mcap"
+_ESTIMATION = ("calibration", "adaptive")
+"""Fields of a sensor that decide how it is estimated."""
 _LEVEL = "murk_msgs/msg/NoiseLevel"
 _SCAN = "sensor_msgs/msg/PointCloud2"
 _INFOS = ("murk_msgs/msg/RadarScanInfo", "murk_msgs/msg/FrameInfo")
@@ -90,7 +92,7 @@ def decode(entry: Entry, info: bytes | None, count: int, path: Path) -> Any:
 def read_recording(path: Path) -> dict[str, Any]:
     """Return the content of a scene that replays a recording: a sensor a topic, nothing injected.
 
-    A sensor that was calibrated is so again, by the same file.
+    A sensor is estimated as it was: calibrated by the same file, adaptively or not.
 
     Raises
     ------
@@ -106,16 +108,15 @@ def read_recording(path: Path) -> dict[str, Any]:
         raise InputError(path, what, "record with scans or images in [outputs.record]")
     try:
         about = json.loads(recording.about.get("scene", "{}"))
-        calibrations = {one["name"]: one.get("calibration") for one in about.get("sensors", ())}
+        recorded = {one["name"]: one.items() for one in about.get("sensors", ())}
     except (ValueError, KeyError, TypeError, AttributeError):
         raise InputError(path, "is damaged: what it says of its scene cannot be read") from None
     sensors = []
     for topic, sensor_type in topics.items():
         name = sensor_name(topic)
         sensor = {"name": name, "type": sensor_type, "source": f"{path}:{topic}"}
-        if calibration := calibrations.get(name):
-            sensor["calibration"] = calibration
-        sensors.append(sensor)
+        how = {key: value for key, value in recorded.get(name, ()) if key in _ESTIMATION}
+        sensors.append(sensor | how)
     return {**{key: about[key] for key in ("name", "seed") if key in about}, "sensors": sensors}
 
 

@@ -47,7 +47,7 @@ def level(message: RadarScan | Frame, injected: dict[str, float] | None = None) 
     return NoiseLevel(
         sensor=message.sensor, stamp_ns=message.stamp_ns, level=10 / 3, std=np.pi,
         probabilities=np.random.default_rng(message.sequence).dirichlet(np.ones(11)),
-        kind=kinds[1], kind_probabilities=dict(zip(kinds, np.ones(5) / 5, strict=True)),
+        kind=kinds[1], kind_probabilities=dict.fromkeys(kinds, 1 / len(kinds)),
         raw=2 / 3, injected=injected, latency_ns=12345, sequence=message.sequence, dropped=3,
     )  # fmt: skip
 
