@@ -355,10 +355,15 @@ def test_all_real_data_by_all_kinds_killed_and_resumed(
     check_interrupted(data / part, tmp_path, ["--all"], (False, False, False), timeout=7200)
 
 
+def heed_ctrl_c() -> None:
+    """What a shell starts in the background ignores Ctrl-C, and so would its children."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_ctrl_c_ends_with_a_summary(small: Path, tmp_path: Path) -> None:
     command = [*MURK, str(small), str(tmp_path / "out"), "--all", "--json"]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heed_ctrl_c
     ) as process:
         assert process.stdout is not None
         process.stdout.readline()
