@@ -41,12 +41,12 @@ def pair_features(earlier: ScanView, later: ScanView) -> Floats:
     nearest; the last also by both residuals together. Clusters by power: found again, new, lost.
     """
     one, other, along, across = _pairs(earlier, later)
-    row = np.searchsorted(_RANGE_LIMITS, along)
-    column = np.searchsorted(_AZIMUTH_LIMITS, across)
-    close = (row < len(_RANGE_LIMITS)) & (column < len(_AZIMUTH_LIMITS))
-    cell = row * len(_AZIMUTH_LIMITS) + column
-    far = ~ARS408.is_near(later.range_m)[other]
-    apart = np.hypot(along / np.hypot(1.0, _GRID_STD_M / later.range_std[other]), across)
+    close = np.flatnonzero((along <= _RANGE_LIMITS[-1]) & (across <= _AZIMUTH_LIMITS[-1]))
+    row = np.searchsorted(_RANGE_LIMITS, along[close])
+    cell = row * len(_AZIMUTH_LIMITS) + np.searchsorted(_AZIMUTH_LIMITS, across[close])
+    far = ~ARS408.is_near(later.range_m[other[close]])
+    widened = np.hypot(1.0, _GRID_STD_M / later.range_std)
+    apart = np.hypot(along / widened[other], across)
     mutual = _least(apart, one, len(earlier)) & _least(apart, other, len(later))
     again = mutual & (along < _FOUND_AGAIN) & (across < _FOUND_AGAIN)
     found, kept = np.zeros(len(later), bool), np.zeros(len(earlier), bool)
@@ -55,8 +55,8 @@ def pair_features(earlier: ScanView, later: ScanView) -> Floats:
         np.searchsorted(_POWER_LIMITS_DB, scan.echo_db) for scan in (later, earlier)
     )
     counts = [
-        np.bincount((cell + _CELLS * far)[close], minlength=2 * _CELLS),
-        np.bincount(cell[close & mutual], minlength=_CELLS),
+        np.bincount(cell + _CELLS * far, minlength=2 * _CELLS),
+        np.bincount(cell[mutual[close]], minlength=_CELLS),
         np.bincount(
             np.searchsorted(_APART_LIMITS, apart[mutual]), minlength=len(_APART_LIMITS) + 1
         ),
