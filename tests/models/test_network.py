@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from dbc.errors import ModelError
 from models.estimate.camera import VERSION
 from models.estimate.image_features import FEATURES
+from models.estimate.level import CAMERA_KINDS
 from models.estimate.network import WEIGHTS, Network, softmax
 
 CAMERA = WEIGHTS / "camera.onnx"
@@ -22,7 +23,7 @@ def load(
 
 
 def test_shipped_camera_network_knows_its_kinds() -> None:
-    assert load(CAMERA).kinds == ("clean", "blur", "over", "under", "noise")
+    assert load(CAMERA).kinds == CAMERA_KINDS
 
 
 def test_missing_file(tmp_path: Path) -> None:
