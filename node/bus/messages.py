@@ -166,6 +166,7 @@ def _build_level(level: NoiseLevel, store: Typestore) -> Any:
         std_dev=level.std,
         probabilities=level.probabilities,
         raw=level.raw,
+        effort=level.effort,
         kind=level.kind,
         kinds=list(level.kind_probabilities),
         kind_probabilities=np.array(list(level.kind_probabilities.values()), np.float64),
@@ -185,6 +186,7 @@ def _parse_level(message: Any) -> NoiseLevel:
             zip(message.kinds, message.kind_probabilities.tolist(), strict=True)
         ),
         raw=message.raw,
+        effort=message.effort,
         injected=injected_of(message),
         latency_ns=message.latency_ns,
         sequence=message.sequence,

@@ -177,6 +177,7 @@ std::string noise_level(Bytes& bytes)
     read.number<double>("std_dev");
     read.doubles("probabilities", 11);
     read.number<double>("raw");
+    read.number<double>("effort");
     read.text("kind");
     read.texts("kinds");
     read.doubles("kind_probabilities");

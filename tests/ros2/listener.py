@@ -46,6 +46,7 @@ class NoiseLevel(IdlStruct, typename="murk_msgs.msg.dds_.NoiseLevel_"):
     std_dev: float64
     probabilities: array[float64, 11]
     raw: float64
+    effort: float64
     kind: str
     kinds: sequence[str]
     kind_probabilities: sequence[float64]

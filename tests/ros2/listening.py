@@ -81,6 +81,7 @@ def noise_level(sequence: int = 0, sensor: str = "front", level: float = 12.5) -
         kind="snr",
         kind_probabilities={"clean": 0.25, "snr": 0.75},
         raw=14.5,
+        effort=0.25,
         injected={"snr": 40.0, "ghosts": 5.0},
         latency_ns=777,
         sequence=sequence,

@@ -59,6 +59,7 @@ def fields(level: NoiseLevel) -> dict[str, object]:
         "std_dev": level.std,
         "probabilities": list(level.probabilities),
         "raw": level.raw,
+        "effort": level.effort,
         "kind": level.kind,
         "kinds": list(level.kind_probabilities),
         "kind_probabilities": list(level.kind_probabilities.values()),

@@ -49,6 +49,7 @@ def noise_levels(draw: st.DrawFn) -> NoiseLevel:
         kind=draw(WORDS),
         kind_probabilities=draw(LEVELS_BY_KIND),
         raw=draw(FLOATS),
+        effort=draw(FLOATS),
         injected=draw(LEVELS_BY_KIND) or None,
         latency_ns=draw(st.integers(-(2**63), 2**63 - 1)),
         sequence=draw(COUNTS),

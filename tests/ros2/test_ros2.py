@@ -95,6 +95,7 @@ def test_another_process_receives_every_field(bus: Bus, domain: int, listen: Lis
             "std_dev": 3.25,
             "probabilities": [number / 66 for number in range(1, 12)],
             "raw": 14.5,
+            "effort": 0.25,
             "kind": "snr",
             "kinds": ["clean", "snr"],
             "kind_probabilities": [0.25, 0.75],
