@@ -6,6 +6,7 @@ import { element, setAttribute, setText } from "./dom.js";
 import { Injection } from "./injection.js";
 import { Picture } from "./picture.js";
 
+const KINDS_SHOWN = 5;
 const FAIR = 20;
 const POOR = 50;
 const MARKS = { good: "●", fair: "▲", poor: "■", unknown: "○" };
@@ -102,18 +103,20 @@ export class Card {
     setText(this.parts.injecting, injected.length ? "injecting" : "");
   }
 
+  /** Show the likeliest kinds, the likeliest first; equals stay in the node's order. */
   showKinds(kinds, likeliest) {
-    for (const [kind, probability] of Object.entries(kinds)) {
-      let row = this.kinds.querySelector(`[data-kind="${kind}"]`);
-      if (!row) {
-        row = element("li", { "data-kind": kind }, element("span", {}, kind), element("i"), element("b"));
-        this.kinds.append(row);
-      }
-      const percent = Math.round(probability * 100);
-      row.children[1].style.setProperty("--share", `${percent}%`);
-      setText(row.children[2], `${percent} %`);
-      row.classList.toggle("likeliest", kind === likeliest);
+    const percents = Object.entries(kinds).map(([kind, p]) => [kind, Math.round(p * 100)]);
+    const first = percents.sort(([, one], [, other]) => other - one).slice(0, KINDS_SHOWN);
+    while (this.kinds.children.length < first.length) {
+      this.kinds.append(element("li", {}, element("span"), element("i"), element("b")));
     }
+    first.forEach(([kind, percent], i) => {
+      const [name, bar, value] = this.kinds.children[i].children;
+      setText(name, kind.replaceAll("_", " "));
+      bar.style.setProperty("--share", `${percent}%`);
+      setText(value, `${percent} %`);
+      this.kinds.children[i].classList.toggle("likeliest", kind === likeliest);
+    });
   }
 
   /** Why the newest level is not the present one, and how old it is; null where it is present. */
@@ -133,7 +136,7 @@ export class Card {
   refresh(now, linked) {
     const silence = this.silence(now, linked);
     const { record, parts } = this;
-    const verdict = silence ? "unknown" : verdictOf(record.level);
+    const verdict = silence ? "unknown" : verdictOf(Math.round(record.level));
     setAttribute(this.element, "data-verdict", verdict);
     setAttribute(this.tile, "data-verdict", verdict);
     const number = silence ? "–" : String(Math.round(record.level));
