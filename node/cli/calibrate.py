@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Annotated
@@ -26,11 +27,11 @@ def calibrate(
     """Fit a small correction to a sensor's clean driving; a scene names it as 'calibration'."""
     from models.evaluate.calibrate import calibrate as fit_to
     from node.batch import streams
-    from node.estimator import load_network
+    from node.estimator import load_follower
 
     found = (stream for path in paths for stream in streams(path))
     messages = chain.from_iterable(own for _, kind, own in found if kind == sensor)
-    correction, worth = fit_to(sensor.value, messages, load_network(sensor.value), seed)
+    correction, worth = fit_to(sensor.value, messages, partial(load_follower, sensor.value), seed)
     file = output or Path(f"{sensor}-calibration.json")
     correction.write(file)
     if json:
@@ -39,7 +40,7 @@ def calibrate(
     from rich.console import Console
     from rich.table import Table
 
-    title = f"{worth.messages} messages; the last third judges"
+    title = f"{worth.answers} frames or windows; the last third judges"
     table = Table("", "before", "after", title=title)
     for name, (before, after) in (
         ("mean error, points", worth.error),

@@ -12,7 +12,7 @@ from dbc.errors import InputError
 from drivers.frame import Frame
 from models.estimate.calibration import Calibration, fit
 from models.estimate.level import LEVELS, Estimate
-from models.evaluate.calibrate import MOST_MESSAGES, calibrate
+from models.evaluate.calibrate import MOST_ANSWERS, calibrate
 
 IDENTITY = Calibration("camera", {}, 1.0, (0.0,) * 11)
 
@@ -109,8 +109,8 @@ def test_a_long_drive_is_thinned_out_evenly_and_a_short_one_refused() -> None:
         asked.append(frame.sequence)
         return replace(reading(0.0), kind_probabilities={"clean": 1.0})
 
-    _, worth = calibrate("camera", frames(5 * MOST_MESSAGES), estimate, 0)
-    assert MOST_MESSAGES <= worth.messages <= 2 * MOST_MESSAGES
-    assert len(asked) < 5 * 4 * MOST_MESSAGES
-    with pytest.raises(InputError, match="has 3 messages"):
-        calibrate("camera", frames(3), estimate, 0)
+    _, worth = calibrate("camera", frames(5 * MOST_ANSWERS), lambda: estimate, 0)
+    assert MOST_ANSWERS <= worth.answers <= 2 * MOST_ANSWERS
+    assert len(asked) < 5 * 4 * MOST_ANSWERS
+    with pytest.raises(InputError, match="too few messages; at least 12"):
+        calibrate("camera", frames(3), lambda: estimate, 0)

@@ -13,6 +13,6 @@ WEIGHTS = sorted((Path(__file__).parents[2] / "models" / "weights").glob("*.onnx
 def test_weights_are_small_have_a_card_and_name_no_machine(path: Path) -> None:
     content = path.read_bytes()
     assert len(content) < 2_000_000
-    assert "Reproduce: `murk train" in path.with_suffix(".md").read_text()
+    assert "- Reproduce: `" in path.with_suffix(".md").read_text()
     assert b'File "' not in content
     assert b".py" not in content

@@ -9,7 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 from dbc.errors import InputError
+from drivers.candump import write_candump
 from models.estimate.calibration import Calibration
+from models.world.radar import WorldRadar
+from models.world.road import World
 from node.cli import app
 from node.estimator import Estimator
 
@@ -32,7 +35,7 @@ def test_calibrate_writes_a_file_that_the_estimator_takes(drive: Path, tmp_path:
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     record = json.loads(result.stdout)
-    assert record["messages"] == 15
+    assert record["answers"] == 15
     assert record["output"] == str(file)
     assert Calibration.read(file, "camera").exponent == record["exponent"]
     Estimator("camera", file)
@@ -43,4 +46,16 @@ def test_calibrate_writes_a_file_that_the_estimator_takes(drive: Path, tmp_path:
 def test_a_drive_without_such_a_sensor(drive: Path) -> None:
     result = CliRunner().invoke(app, ["calibrate", "radar", str(drive)])
     assert isinstance(result.exception, InputError)
-    assert "has 0 messages" in str(result.exception)
+    assert "too few messages" in str(result.exception)
+
+
+def test_a_radar_is_calibrated_by_the_windows_that_a_run_answers(tmp_path: Path) -> None:
+    log = tmp_path / "drive.log"
+    write_candump(log, WorldRadar(World(seed=5, duration_s=14.0)).frames())
+    file = tmp_path / "front.json"
+    arguments = ["calibrate", "radar", str(log), "--output", str(file), "--json"]
+    record = json.loads(CliRunner().invoke(app, arguments).stdout)
+    assert record["answers"] >= 12
+    before, after = record["surprise"]
+    assert after <= before + 0.1
+    Estimator("radar", file)
