@@ -22,6 +22,11 @@ WINDOW = 14
 MAX_GAP_S = 1.0
 """Silence after which a window starts anew, s: the scenery is another."""
 
+SHORTEST_COUNT_S, LONGEST_COUNT_S = 0.025, 0.12
+"""Bounds of the time that a count of MeasCounter stands for, s: a cycle takes 70 to 80 ms and
+counts one or two. A recording that is played much faster or slower onto a bus is beyond them."""
+_COUNTS = 1 << 16
+
 _TYPICAL_GAP_S = 0.2
 _SHORTEST_GAP_S = 0.01
 
@@ -86,20 +91,33 @@ class ScanWindow:
     """The last scans of one sensor, no more than ``WINDOW``.
 
     A scan that comes after a silence of more than ``MAX_GAP_S``, or with no later a stamp than the
-    one before it, starts a new window; so does the first after a scan without clusters.
+    one before it, starts a new window; so does the first after a scan without clusters. Where the
+    stamps do not run with the radar's own counter, how far things have moved between scans is not
+    known, and every scan stands alone.
     """
 
     def __init__(self) -> None:
         self._scans: deque[Evidence] = deque(maxlen=WINDOW)
+        self._counters: deque[int] = deque(maxlen=WINDOW)
 
     def add(self, scan: RadarScan) -> NDArray[np.float32] | None:
         """Take in the next scan; return the network's inputs, or None where it is empty."""
-        if self._scans:
-            elapsed_s = (scan.stamp_ns - self._scans[-1].view.stamp_ns) * 1e-9
-            if not 0.0 < elapsed_s <= MAX_GAP_S:
-                self._scans.clear()
-        if not len(scan):
+        if not len(scan) or (self._scans and not self._goes_on(scan)):
             self._scans.clear()
+            self._counters.clear()
+        if not len(scan):
             return None
         self._scans.append(evidence(scan, self._scans[-1] if self._scans else None))
+        self._counters.append(scan.meas_counter)
         return inputs(self._scans)
+
+    def _goes_on(self, scan: RadarScan) -> bool:
+        """Tell whether a scan goes on with the window's."""
+        first, last = self._scans[0].view, self._scans[-1].view
+        if not 0.0 < (scan.stamp_ns - last.stamp_ns) * 1e-9 <= MAX_GAP_S:
+            return False
+        counts = (scan.meas_counter - self._counters[0]) % _COUNTS
+        if not counts:  # a counter that stands still tells nothing
+            return True
+        elapsed_s = (scan.stamp_ns - first.stamp_ns) * 1e-9
+        return SHORTEST_COUNT_S <= elapsed_s / counts <= LONGEST_COUNT_S

@@ -86,6 +86,20 @@ def test_gap_starts_a_new_window(scans: tuple[RadarScan, ...], gap_s: float) -> 
     np.testing.assert_array_equal(window.add(after), ScanWindow().add(after))
 
 
+def test_scans_whose_stamps_do_not_run_with_the_radars_counter_stand_alone(
+    scans: tuple[RadarScan, ...],
+) -> None:
+    window, alone = ScanWindow(), ScanWindow()
+    for number, scan in enumerate(scans[:5]):
+        played_fast = replace(scan, stamp_ns=scans[0].stamp_ns + number * 10_000_000)
+        np.testing.assert_array_equal(window.add(played_fast), ScanWindow().add(played_fast))
+    window = ScanWindow()
+    for scan in scans[:5]:
+        stuck = window.add(replace(scan, meas_counter=7))
+        counting = alone.add(scan)
+    np.testing.assert_array_equal(stuck, counting)
+
+
 def test_empty_scan_holds_no_evidence_and_ends_the_window(scans: tuple[RadarScan, ...]) -> None:
     columns: dict[str, Any] = {name: values[:0] for name, values in scans[1].arrays().items()}
     window = ScanWindow()

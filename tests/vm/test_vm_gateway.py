@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,11 +25,10 @@ from drivers.ars408 import ScanAssembler
 from drivers.can_bus import open_bus
 from drivers.can_frames import CanFrames, concatenate
 from drivers.candump import read_candump, write_candump
-from drivers.frame import Frame
 from drivers.scan import RadarScan
 from node import cli
 from node.control import running, set_level
-from node.estimator import Estimator, load_network
+from node.estimator import Estimator
 from node.gateway import Gateway
 from node.gateway_scene import build_gateway_scene
 from tests.vm.marks import needs_machine
@@ -284,8 +284,14 @@ def test_a_blurred_camera_looks_blurred_to_murk(tmp_path: Path) -> None:
     wanted = build_gateway_scene(None, "camera", "/dev/video0", inject=["camera:blur:50"])
     with Gateway(wanted, f"pipe:{pipe}"), pipe.open("rb") as stream:
         data = stream.read(5 * 640 * 480 * 3)
-    network = load_network("camera")
-    for image in np.frombuffer(data, np.uint8).reshape(5, 480, 640, 3):
-        estimate = network(Frame(image, "camera", 0, 0, "read"))
-        assert estimate.kind == "blur"
-        assert abs(estimate.level - 50) < 20
+    for number, image in enumerate(np.frombuffer(data, np.uint8).reshape(5, 480, 640, 3)):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), image)
+    murk = [sys.executable, "-c", "from node.cli import main; main()"]
+    second = subprocess.run(
+        [*murk, "estimate", *map(str, sorted(tmp_path.glob("*.png"))), "--json"],
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    answers = [json.loads(line) for line in second.stdout.splitlines()]
+    assert [answer["kind"] for answer in answers] == ["blur"] * 5
+    assert np.mean([answer["level"] for answer in answers]) == pytest.approx(50, abs=15)

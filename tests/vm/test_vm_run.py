@@ -28,6 +28,7 @@ pytestmark = needs_machine
 
 PATIENCE_S = 120.0
 CYCLES = 40
+STATUS_ID = 0x600
 FULL_LOAD_NS = 250_000
 """From frame to frame on a full bus."""
 
@@ -190,18 +191,28 @@ def test_an_interface_that_is_pulled_out_is_waited_for(interface: str, log: Path
 
 
 @pytest.mark.usefixtures("up")
-def test_a_bus_that_goes_down_and_up_is_told_and_the_run_goes_on(log: Path) -> None:
+def test_a_bus_that_goes_down_and_up_is_told_and_what_was_not_heard_is_counted(
+    log: Path, tmp_path: Path
+) -> None:
+    frames = concatenate(list(read_candump(log)))
+    starts = np.flatnonzero(frames.can_id == STATUS_ID)
+    heard, missed = 20, 10
+    parts = tmp_path / "before.log", tmp_path / "after.log"
+    write_candump(parts[0], [frames.select(slice(0, starts[heard]))])
+    write_candump(parts[1], [frames.select(slice(starts[heard + missed], None))])
     run = Run({"name": "radar", "type": "radar", "source": "vcan0"})
-    play(log)
-    run.wait_for(CYCLES - 5)
-    before = len(run.levels)
+    play(parts[0])
+    run.wait_for(heard)
     ip("down")
     time.sleep(1.0)
     ip("up")
     time.sleep(0.5)
-    play(log)
-    run.wait_for(before + CYCLES // 2)
-    run.close()
+    play(parts[1])
+    run.wait_for(len(starts) - missed)
+    counts = run.close()
+    assert counts["received"] == len(starts) - missed
+    assert counts["cycles_lost"] == missed
+    assert counts["frames_lost"] == counts["dropped_by_source"] == 0
     states = run.states()
     assert "lost" in states
     assert "ok" in states[states.index("lost") :]
@@ -232,3 +243,5 @@ def test_a_camera_that_is_unplugged_comes_back() -> None:
     assert "lost" in states
     assert "ok" in states[states.index("lost") :]
     assert counts["failures"] == 0
+    captured = run.levels[-1].sequence - run.levels[0].sequence + 1
+    assert captured == len(run.levels) + run.levels[-1].dropped
