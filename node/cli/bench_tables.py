@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from models.evaluate import report
 from models.evaluate.report import Goal, Point, Result, cell
+from node.cli.output import plain_console
 
 
 def print_results(name: str, results: Sequence[Result]) -> None:
     """Print the tables, then the points, then the goals."""
-    console = Console()
+    console = plain_console()
     points = Table("variant", "knob", "run time, µs", "error", "unit", title=f"bench {name}")
     goals = Table("goal", "measured", "asked", "met")
     for result in results:
@@ -28,7 +29,7 @@ def print_results(name: str, results: Sequence[Result]) -> None:
                 )
             case Goal():
                 sign = "≥" if result.at_least else "≤"
-                met = "[green]yes[/]" if result.met else "[red]no[/]"
+                met = Text("yes", "green") if result.met else Text("no", "red")
                 goals.add_row(result.name, f"{result.value:.4g}", f"{sign} {result.goal:.4g}", met)
             case report.Table():
                 table = Table(*result.columns, title=result.title)

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from node.cli.output import emit
+from node.cli.output import emit, plain_console
 from node.cli.train import Sensor
 
 
@@ -37,7 +37,6 @@ def calibrate(
     if json:
         emit({"type": "calibration", "output": str(file), **asdict(correction), **asdict(worth)})
         return
-    from rich.console import Console
     from rich.table import Table
 
     title = f"{worth.answers} frames or windows; the last third judges"
@@ -48,6 +47,6 @@ def calibrate(
         ("surprise, nats", worth.surprise),
     ):
         table.add_row(name, f"{before:.2f}", f"{after:.2f}")
-    console = Console()
+    console = plain_console()
     console.print(table)
     console.print(f"wrote {file}")

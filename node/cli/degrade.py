@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from node.cli.output import emit
+from node.cli.output import emit, plain_console
 
 if TYPE_CHECKING:
     from node.dataset.job import Done
@@ -127,10 +127,9 @@ def _shown(done: Iterable[Done], total: int, *, json: bool) -> Iterator[Done]:
 
 @contextmanager
 def _progress(total: int) -> Iterator[Callable[[], None]]:
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-    console = Console(stderr=True)
+    console = plain_console(stderr=True)
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         task = progress.add_task("", total=total)
@@ -138,10 +137,8 @@ def _progress(total: int) -> Iterator[Callable[[], None]]:
 
 
 def _print(summary: dict[str, object]) -> None:
-    from rich.console import Console
-
     left = "" if summary["complete"] else f"; {summary['left']:,} left: give the command again"
-    Console().print(
+    plain_console().print(
         f"{summary['files']:,} files ({summary['messages']:,} images and scans) in "
         f"{summary['output']}, {summary['skipped']:,} were there, "
         f"{summary['ignored']:,} ignored{left}",

@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 import typer
 
 from dbc.errors import MurkError
-from node.cli.output import emit
+from node.cli.output import emit, plain_console
 
 REQUIRED = (
     "av",
@@ -150,11 +150,11 @@ def _load_radar() -> str:
 
 
 def _print(findings: list[Finding]) -> None:
-    from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    marks = {True: "[green]ok[/]", False: "[red]fault[/]", None: "[dim]absent[/]"}
+    marks = {True: Text("ok", "green"), False: Text("fault", "red"), None: Text("absent", "dim")}
     table = Table("", "", "", "")
     for finding in findings:
         table.add_row(finding.area, finding.name, marks[finding.ok], finding.detail)
-    Console().print(table)
+    plain_console().print(table)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from node.cli.output import emit
+from node.cli.output import emit, plain_console
 
 if TYPE_CHECKING:
     from node.batch import Row
@@ -47,10 +47,9 @@ def as_record(row: Row) -> dict[str, Any]:
 
 def _print(rows: list[Row]) -> None:
     """Print the distribution of the levels by source, and the worst frames and scans."""
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    console = plain_console()
     by_source: dict[str, list[Row]] = {}
     for row in rows:
         by_source.setdefault(row.source, []).append(row)

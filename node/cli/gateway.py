@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from node.cli.output import emit
+from node.cli.output import emit, plain_console
 from node.cli.scene_flags import InjectFlag, SeedFlag
 
 if TYPE_CHECKING:
@@ -155,9 +155,7 @@ def _execute(gateway: Gateway, *, to_stdout: bool, json: bool) -> None:
 
 def _console(to_stdout: bool) -> Console:
     """Return where a person reads: standard output, unless that carries frames."""
-    from rich.console import Console
-
-    return Console(stderr=to_stdout)
+    return plain_console(stderr=to_stdout)
 
 
 def _table(summary: dict[str, Any]) -> Table:

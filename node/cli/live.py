@@ -9,12 +9,13 @@ from time import monotonic
 from types import TracebackType
 from typing import Any, Self
 
-from rich.console import Console, Group
+from rich.console import Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from models.estimate.level import NoiseLevel
+from node.cli.output import plain_console
 from node.events import ModelChoice
 
 BAR_WIDTH = 40
@@ -28,7 +29,7 @@ class LiveView:
     """
 
     def __init__(self) -> None:
-        self._console = Console()
+        self._console = plain_console()
         self._live = Live(console=self._console, auto_refresh=False)
         self._newest: dict[str, NoiseLevel] = {}
         self._arrivals: dict[str, deque[float]] = {}
@@ -124,14 +125,14 @@ def _line(level: NoiseLevel) -> str:
 
 def print_summary(summary: dict[str, Any]) -> None:
     """Print the summary of a run as a table for a person, a column a sensor."""
-    console = Console()
+    console = plain_console()
     table = Table("", *summary["sensors"], title=f"{summary['scene']}, {summary['wall_time_s']} s")
     for name, text in _ROWS.items():
         table.add_row(name, *(text(counts) for counts in summary["sensors"].values()))
     console.print(table)
     for name, counts in summary.get("outputs", {}).items():
         words = ", ".join(f"{key} {value}" for key, value in counts.items())
-        console.print(f"{name}: {words}", highlight=False, markup=False)
+        console.print(f"{name}: {words}", highlight=False)
     if "picture" in summary:
         console.print(f"picture: {summary['picture']}")
 

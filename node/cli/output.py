@@ -6,9 +6,12 @@ import json
 import sys
 from collections.abc import Mapping
 from threading import Lock
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 _whole_lines = Lock()
 
@@ -32,3 +35,13 @@ def emit(record: Mapping[str, Any]) -> None:
     line = json.dumps(record, default=_plain, allow_nan=False)
     with _whole_lines:
         sys.stdout.write(line + "\n")
+
+
+def plain_console(*, stderr: bool = False) -> Console:
+    """Return a rich console that shows every text as it is.
+
+    Brackets are no markup there: names, paths and ``murk[view]`` have them.
+    """
+    from rich.console import Console
+
+    return Console(stderr=stderr, markup=False)

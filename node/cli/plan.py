@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from node.cli.output import emit
+from node.cli.output import emit, plain_console
 from node.cli.scene_flags import (
     CameraFlag,
     DurationFlag,
@@ -54,12 +54,12 @@ def plan(
         for stage in made.stages:
             emit({"type": "stage", **asdict(stage)})
         return
-    from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     table = Table("", "stage", "sensor", "reason", "loads")
     for stage in sorted(made.stages, key=lambda stage: not stage.kept):
-        mark = "[green]kept[/]" if stage.kept else "[dim]left out[/]"
+        mark = Text("kept", "green") if stage.kept else Text("left out", "dim")
         loads = ", ".join(stage.libraries) if stage.kept else ""
         table.add_row(mark, stage.name, stage.sensor or "", stage.reason, loads)
-    Console().print(table)
+    plain_console().print(table)

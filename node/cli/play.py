@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from node.cli.output import emit
+from node.cli.output import emit, plain_console
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -105,20 +105,17 @@ def _identifier(text: str) -> int:
 
 
 def _progress(player: Player) -> Live:
-    from rich.console import Console
     from rich.live import Live
     from rich.text import Text
 
     def line() -> Text:
         return Text(f"{player.played_s:9.1f} s   {player.frames:,} frames   lap {player.laps}")
 
-    console = Console(stderr=True)
+    console = plain_console(stderr=True)
     return Live(get_renderable=line, console=console, refresh_per_second=10, transient=True)
 
 
 def _print(summary: dict[str, int | float]) -> None:
-    from rich.console import Console
-
     laps = f" in {summary['laps']} laps" if summary["laps"] > 1 else ""
     lines = [
         f"{summary['frames']:,} frames{laps}, {summary['duration_s']:.1f} s",
@@ -131,4 +128,4 @@ def _print(summary: dict[str, int | float]) -> None:
         lines.append(f"video: {shown:,} frames shown, {skipped:,} too late")
     if summary["skipped"]:
         lines.append(f"{summary['skipped']:,} error frames left out: they cannot be sent")
-    Console().print("\n".join(lines), highlight=False)
+    plain_console().print("\n".join(lines), highlight=False)

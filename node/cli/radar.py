@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from node.cli.output import emit
+from node.cli.output import emit, plain_console
 
 app = typer.Typer(help="Ask a radar what it does, or tell it what to do.", no_args_is_help=True)
 
@@ -137,7 +137,6 @@ def _configure_scene(path: Path, *, store: bool, timeout_s: float, json: bool) -
 
 
 def _print(title: str, state: dict[str, float], version: dict[str, float] | None) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     from drivers.radar_settings import say_state
@@ -148,4 +147,4 @@ def _print(title: str, state: dict[str, float], version: dict[str, float] | None
         table.add_row("version", ".".join(f"{version[part]:g}" for part in release))
     for name, value in say_state(state).items():
         table.add_row(name, value)
-    Console().print(table)
+    plain_console().print(table)

@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from dbc.errors import SceneError
-from node.cli.output import emit
+from node.cli.output import emit, plain_console
 
 
 class Sensor(StrEnum):
@@ -52,9 +52,7 @@ def train(
     json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
 ) -> None:
     """Train the network of a sensor; needs the extra 'train'."""
-    from rich.console import Console
-
-    console = Console()
+    console = plain_console()
 
     def report(progress: dict[str, object]) -> None:
         if json:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from node.cli.output import emit
+from node.cli.output import emit, plain_console
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -30,13 +30,12 @@ def watch(
     from contextlib import closing
     from time import monotonic
 
-    from rich.console import Console
     from rich.live import Live
 
     from node.watch import TopicView, open_carrier
 
     topics: dict[str, TopicView] = {}
-    live = Live(console=Console(), auto_refresh=False)
+    live = Live(console=plain_console(), auto_refresh=False)
     end_s = None if duration is None else monotonic() + duration
     with closing(open_carrier(source)) as carrier:
         if not json and live.console.is_terminal:

@@ -8,6 +8,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from node.cli.doctor import EXTRAS, REQUIRED
@@ -15,8 +17,8 @@ from node.cli.doctor import EXTRAS, REQUIRED
 MURK = [sys.executable, "-c", "from node.cli import main; main()"]
 
 
-def murk(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*MURK, *arguments], capture_output=True, text=True, timeout=120)
+def murk(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*MURK, *arguments], capture_output=True, text=True, timeout=120, cwd=cwd)
 
 
 def records(result: subprocess.CompletedProcess[str]) -> list[dict[str, Any]]:
@@ -85,6 +87,14 @@ def test_doctor_finds_the_models_and_the_database() -> None:
         ("model", "radar", True),
         ("database", "ars408.dbc", True),
     } <= {(finding["area"], finding["name"], finding["ok"]) for finding in findings}
+
+
+def test_a_name_in_brackets_is_shown_as_it_is(tmp_path: Path) -> None:
+    image = tmp_path / "a[red].png"
+    cv2.imwrite(str(image), np.zeros((64, 64, 3), np.uint8))
+    shown = murk("estimate", image.name, cwd=tmp_path)
+    assert shown.returncode == 0, shown.stderr
+    assert "a[red].png" in shown.stdout
 
 
 def test_an_interrupted_run_ends_with_its_summary() -> None:
