@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from models.estimate.radar_view import Flags, Floats, ScanView
+from models.estimate.radar_view import Floats, ScanView
 
 _FRACTIONS = np.array([0, 0.01, 0.02, 0.04, 0.07, 0.11, 0.17, 0.25, 0.35, 0.5, 0.65, 0.8, 0.95, 1])
 _ABOVE_FLOOR_DB = np.array([0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0])
@@ -32,7 +32,7 @@ def features(view: ScanView) -> Floats:
     groups = [
         np.array([n / 125, math.log(n)]),
         _quantiles(echo, _FRACTIONS) / 15,
-        np.searchsorted(echo, _ABOVE_FLOOR_DB).astype(np.float64) / 30,
+        echo.searchsorted(_ABOVE_FLOOR_DB) / 30,
         _doppler(view),
     ]
     return np.concatenate(groups)
@@ -50,8 +50,9 @@ def _doppler(view: ScanView) -> Floats:
     whose velocity lies on the line of sight, in the number of points that move sideways.
     """
     motion, still = view.motion, view.still
-    over: Flags = np.abs(view.velocity - motion.velocity(view.position))[:, np.newaxis] > _RESIDUALS
-    of_still = over[..., still].sum(axis=2) / max(1, np.count_nonzero(still))
+    residual = np.abs(view.velocity - motion.velocity(view.position))
+    over = np.greater(residual[:, np.newaxis], _RESIDUALS).astype(np.float64)
+    of_still = over @ still.astype(np.float64) / max(1, np.count_nonzero(still))
     sideways = over[1].sum(axis=1) / 4
     speed = math.tanh(math.hypot(motion.ahead, motion.left) / 5)
-    return np.array([*of_still.ravel(), *sideways, speed, math.tanh(abs(motion.turn) * 10)])
+    return np.concatenate([of_still.ravel(), sideways, [speed, math.tanh(abs(motion.turn) * 10)]])

@@ -10,6 +10,9 @@ away is weak.
 
 from __future__ import annotations
 
+import cmath
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,8 +32,12 @@ _APART_LIMITS = np.array([0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0])
 _FOUND_AGAIN = 8.0
 """Limit of either residual up to which an echo is found again."""
 _POWER_LIMITS_DB = np.array([2.0, 5.0, 10.0, 18.0, 28.0])
+_POWER_CELLS = len(_POWER_LIMITS_DB) + 1
 
-PAIR_FEATURES = 3 * _CELLS + len(_APART_LIMITS) + 1 + 3 * (len(_POWER_LIMITS_DB) + 1)
+_STARTS = np.cumsum([2 * _CELLS, _CELLS, len(_APART_LIMITS) + 1, 2 * _POWER_CELLS]).tolist()
+"""Places among the features of: mutual pairs, these by distance, clusters by power, lost ones."""
+
+PAIR_FEATURES = _STARTS[-1] + _POWER_CELLS
 """Number of features of two scans."""
 
 
@@ -42,30 +49,27 @@ def pair_features(earlier: ScanView, later: ScanView) -> Floats:
     """
     one, other, along, across = _pairs(earlier, later)
     close = np.flatnonzero((along <= _RANGE_LIMITS[-1]) & (across <= _AZIMUTH_LIMITS[-1]))
-    row = np.searchsorted(_RANGE_LIMITS, along[close])
-    cell = row * len(_AZIMUTH_LIMITS) + np.searchsorted(_AZIMUTH_LIMITS, across[close])
-    far = ~ARS408.is_near(later.range_m[other[close]])
-    widened = np.hypot(1.0, _GRID_STD_M / later.range_std)
-    apart = np.hypot(along / widened[other], across)
+    row = _RANGE_LIMITS.searchsorted(along.take(close))
+    cell = row * len(_AZIMUTH_LIMITS) + _AZIMUTH_LIMITS.searchsorted(across.take(close))
+    far = ~ARS408.is_near(later.range_m.take(other.take(close)))
+    widened = np.sqrt(1.0 + (_GRID_STD_M / later.range_std) ** 2)
+    apart = (along / widened.take(other)) ** 2 + across**2
     mutual = _least(apart, one, len(earlier)) & _least(apart, other, len(later))
-    again = mutual & (along < _FOUND_AGAIN) & (across < _FOUND_AGAIN)
-    found, kept = np.zeros(len(later), bool), np.zeros(len(earlier), bool)
-    found[other[again]] = kept[one[again]] = True
-    power, power_before = (
-        np.searchsorted(_POWER_LIMITS_DB, scan.echo_db) for scan in (later, earlier)
-    )
-    counts = [
-        np.bincount(cell + _CELLS * far, minlength=2 * _CELLS),
-        np.bincount(cell[mutual[close]], minlength=_CELLS),
-        np.bincount(
-            np.searchsorted(_APART_LIMITS, apart[mutual]), minlength=len(_APART_LIMITS) + 1
-        ),
+    nearest = np.flatnonzero(mutual)
+    again = nearest[np.maximum(along, across).take(nearest) < _FOUND_AGAIN]
+    new, lost = np.ones(len(later), bool), np.ones(len(earlier), bool)
+    new[other.take(again)] = lost[one.take(again)] = False
+    power = _POWER_LIMITS_DB.searchsorted(later.echo_db)
+    power_before = _POWER_LIMITS_DB.searchsorted(earlier.echo_db)
+    of_mutual, by_distance, by_power, of_lost = _STARTS
+    counted = [
+        cell + _CELLS * far,
+        cell[mutual.take(close)] + of_mutual,
+        _APART_LIMITS.searchsorted(np.sqrt(apart.take(nearest))) + by_distance,
+        power + _POWER_CELLS * new + by_power,
+        power_before[lost] + of_lost,
     ]
-    counts += [
-        np.bincount(echoes, minlength=len(_POWER_LIMITS_DB) + 1)
-        for echoes in (power[found], power[~found], power_before[~kept])
-    ]
-    return np.concatenate(counts) / len(later)
+    return np.bincount(np.concatenate(counted), minlength=PAIR_FEATURES) / len(later)
 
 
 def _pairs(
@@ -75,13 +79,11 @@ def _pairs(
     position = carried(earlier, later)
     distance = np.hypot(position[0], position[1])
     azimuth = np.arctan2(position[1], position[0])
-    order = np.argsort(distance, kind="stable")
-    one, other = _within_reach(distance[order], later.range_m)
-    one = order[one]
-    alike = np.abs(earlier.rcs[one] - later.rcs[other]) <= _ALIKE_DB
-    one, other = one[alike], other[alike]
-    along = np.abs(distance[one] - later.range_m[other]) / later.range_std[other]
-    across = np.abs(azimuth[one] - later.azimuth[other]) / later.azimuth_std[other]
+    one, other = _within_reach(distance, later.range_m)
+    alike = np.flatnonzero(np.abs(earlier.rcs.take(one) - later.rcs.take(other)) <= _ALIKE_DB)
+    one, other = one.take(alike), other.take(alike)
+    along = np.abs(distance.take(one) - later.range_m.take(other)) / later.range_std.take(other)
+    across = np.abs(azimuth.take(one) - later.azimuth.take(other)) / later.azimuth_std.take(other)
     return one, other, along, across
 
 
@@ -92,28 +94,27 @@ def carried(earlier: ScanView, later: ScanView) -> Floats:
     """
     elapsed_s = (later.stamp_ns - earlier.stamp_ns) * 1e-9
     first, second = earlier.motion, later.motion
-    half = -(first.turn + second.turn) / 4 * elapsed_s
-    shift = (
-        complex(first.ahead + second.ahead, first.left + second.left)
-        * (elapsed_s / 2)
-        * np.exp(1j * half)
-    )
-    standing = (earlier.position[0] + 1j * earlier.position[1]) * np.exp(2j * half) + shift
+    turned = -(first.turn + second.turn) / 2 * elapsed_s
+    mean_motion = complex(first.ahead + second.ahead, first.left + second.left) / 2
+    shift = mean_motion * elapsed_s * cmath.rect(1.0, turned / 2)
+    cos, sin = math.cos(turned), math.sin(turned)
+    standing = np.array([[cos, -sin], [sin, cos]]) @ earlier.position
+    standing += [[shift.real], [shift.imag]]
     moving = earlier.position + earlier.velocity * elapsed_s
-    return np.where(earlier.still, np.array([standing.real, standing.imag]), moving)
+    return np.where(earlier.still, standing, moving)
 
 
 def _within_reach(first: Floats, second: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return all pairs of indices into two sorted rows of ranges that are close, m."""
-    low = np.searchsorted(second, first - _REACH_M)
-    count = np.searchsorted(second, first + _REACH_M) - low
-    one = np.repeat(np.arange(len(first)), count)
-    within = np.arange(len(one)) - np.repeat(np.cumsum(count) - count, count)
-    return one, within + np.repeat(low, count)
+    """Return all pairs of indices into two rows of ranges, m, that are close; the second sorted."""
+    low = second.searchsorted(first - _REACH_M)
+    end = second.searchsorted(first + _REACH_M)
+    count = end - low
+    one = np.arange(len(first)).repeat(count)
+    return one, np.arange(len(one)) + (end - count.cumsum()).repeat(count)
 
 
 def _least(values: Floats, owner: NDArray[np.intp], owners: int) -> NDArray[np.bool_]:
     """Return which values are the least of their owner's."""
     least = np.full(owners, np.inf)
     np.minimum.at(least, owner, values)
-    return np.asarray(values == least[owner])
+    return np.asarray(values == least.take(owner))

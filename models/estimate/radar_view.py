@@ -21,6 +21,10 @@ Flags = NDArray[np.bool_]
 
 _STATIONARY = np.isin(np.arange(256), (1, 3, 5))
 """By DynProp: stationary, stationary candidate, crossing stationary."""
+_DIGITS = np.cumprod([1] + [field.count for field in ARS408.grid[:0:-1]])[::-1] / [
+    field.step for field in ARS408.grid
+]
+"""Weights that make one number of x, y, vx, vy and RCS on the grid, each a digit of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +99,9 @@ def view(scan: RadarScan, sensor: RadarSensor = ARS408) -> ScanView:
     rows = np.array([scan.x, scan.y, scan.vx, scan.vy, scan.rcs], np.float64)
     rows = sensor.rows_to_grid(np.where(np.isfinite(rows), rows, 0.0))
     distance = np.hypot(rows[0], rows[1])
-    order = np.lexsort((scan.dyn_prop, *rows, distance))
-    rows = rows[:, order]
-    distance = np.maximum(distance[order], sensor.range_min_m)
+    order = np.lexsort((_DIGITS @ rows, distance))
+    rows = rows.take(order, axis=1)
+    distance = np.maximum(distance.take(order), sensor.range_min_m)
     azimuth = np.arctan2(rows[1], rows[0])
     still = _STATIONARY[scan.dyn_prop[order]]
     return ScanView(
@@ -120,18 +124,28 @@ def _fit_motion(position: Floats, velocity: Floats, still: Flags) -> EgoMotion:
 
     Least squares, re-weighted three times by 1 / (1 + (residual / step of the grid)²).
     """
-    if np.count_nonzero(still) > 2:
-        position, velocity = position[:, still], velocity[:, still]
-    lever = np.array([position[1], -position[0]])
-    offset = np.sort(velocity, axis=1)[:, velocity.shape[1] // 2]
+    chosen = np.flatnonzero(still)
+    if len(chosen) > 2:
+        position, velocity = position.take(chosen, axis=1), velocity.take(chosen, axis=1)
+    n = position.shape[1]
+    terms = np.ones((2, 3, n))  # of vx and of vy: 1, lever of the turn, velocity
+    terms[0, 1], terms[1, 1] = position[1], -position[0]
+    terms[:, 2] = velocity
+    ahead, left = np.sort(velocity, axis=1)[:, n // 2].tolist()
     turn = 0.0
     for _ in range(3):
-        residual = velocity - offset[:, np.newaxis] - turn * lever
-        weight = 1.0 / (1.0 + (residual / ARS408.grid[2].step) ** 2)
-        weight /= weight.sum(axis=1, keepdims=True)
-        mean_lever = (weight * lever).sum(axis=1)
-        weighted = weight * (lever - mean_lever[:, np.newaxis])
+        residual = np.array([[[-ahead, -turn, 1.0]], [[-left, -turn, 1.0]]]) @ terms
+        weighted = terms / (ARS408.grid[2].step ** 2 + residual**2)
+        moments = (weighted @ terms.transpose(0, 2, 1)).tolist()
+        (lever_x, vx, spread_x, with_x), (lever_y, vy, spread_y, with_y) = map(_moments, moments)
         # 1 m² more of spread: no turn is read from clusters at one spot.
-        turn = float((weighted * velocity).sum() / ((weighted * lever).sum() + 1.0))
-        offset = (weight * velocity).sum(axis=1) - turn * mean_lever
-    return EgoMotion(float(offset[0]), float(offset[1]), turn)
+        turn = (with_x + with_y) / (spread_x + spread_y + 1.0)
+        ahead, left = vx - turn * lever_x, vy - turn * lever_y
+    return EgoMotion(ahead, left, turn)
+
+
+def _moments(sums: list[list[float]]) -> tuple[float, float, float, float]:
+    """Return means of lever and velocity, the lever's variance, and the covariance of both."""
+    (total, lever, velocity), (_, squared, product), _ = sums
+    lever, velocity = lever / total, velocity / total
+    return lever, velocity, squared / total - lever**2, product / total - lever * velocity
