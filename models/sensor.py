@@ -186,11 +186,22 @@ class RadarSensor:
         return limits, np.radians([band.azimuth_deg for band in self.ghost_bands])
 
     @cached_property
-    def _grid_columns(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        step = np.array([[field.step] for field in self.grid])
-        offset = np.array([[field.offset] for field in self.grid])
-        last = np.array([[field.count - 1.0] for field in self.grid])
-        return step, offset, last
+    def _grid_by_count(self) -> dict[int, FloatArray]:
+        """What ``_grid_of`` made before."""
+        return {}
+
+    def _grid_of(self, n: int) -> FloatArray:
+        """Return step, offset and last raw value of each field, (3, 5, n).
+
+        As wide as a scan's rows: NumPy takes twice as long to widen a column every time.
+        """
+        wide = self._grid_by_count.get(n)
+        if wide is None:
+            columns = np.array([[one.step, one.offset, one.count - 1.0] for one in self.grid]).T
+            wide = np.repeat(columns[:, :, None], n, axis=2)
+            if n <= self.max_clusters:
+                self._grid_by_count[n] = wide
+        return wide
 
     def to_grid(self, name: str, values: ArrayLike) -> FloatArray:
         """Return finite values moved to the nearest one that the bus can carry, float64.
@@ -208,8 +219,8 @@ class RadarSensor:
 
     def rows_to_grid(self, rows: FloatArray) -> FloatArray:
         """Return ``to_grid`` of x, y, vx, vy and rcs at once; ``rows`` is (5, n), finite."""
-        step, offset, last = self._grid_columns
-        raw = rows - offset
+        step, offset, last = self._grid_of(rows.shape[1])
+        raw: FloatArray = rows - offset
         raw /= step
         np.rint(raw, out=raw)
         np.maximum(raw, 0.0, out=raw)

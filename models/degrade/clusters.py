@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
+from functools import cache
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -74,7 +76,7 @@ class Clusters:
         self._put_in_order()
 
     def __len__(self) -> int:
-        return len(self.source)
+        return self.source.size
 
     def _hold(self, table: FloatArray) -> None:
         """Hold the rows, the range and the order of each cluster in one array, (7, n)."""
@@ -88,10 +90,12 @@ class Clusters:
         cell of the grid. The running maximum keeps that order.
         """
         distance, order = self.range, self.order
-        near = len(self) - int(np.count_nonzero(self.far))
-        if self.far[near:].all():  # as the sensor sends them
+        far = np.count_nonzero(self.far)
+        near = len(self) - far
+        if np.count_nonzero(self.far[near:]) == far:  # as the sensor sends them
             np.maximum.accumulate(distance[:near], out=order[:near])
-            np.maximum.accumulate(distance[near:], out=order[near:])
+            if far:
+                np.maximum.accumulate(distance[near:], out=order[near:])
             return
         for part in (~self.far, self.far):
             order[part] = np.maximum.accumulate(distance[part])
@@ -103,7 +107,7 @@ class Clusters:
 
     def keep(self, kept: Mask) -> None:
         """Leave out the clusters that are not kept."""
-        index = np.flatnonzero(kept)
+        (index,) = kept.nonzero()
         self._hold(self._table.take(index, axis=1))
         self._take(index)
 
@@ -133,10 +137,10 @@ class Clusters:
 
     def _joins_far(self, distance: FloatArray) -> Mask:
         """Return which newcomers join the far list: those beyond what the near list reaches."""
-        near = self.range[~self.far]
-        if len(near) in (0, len(self)):
-            return np.full(len(distance), len(near) == 0)
-        return np.asarray(distance > near.max())
+        far = np.count_nonzero(self.far)
+        if far in (0, len(self)):
+            return np.full(len(distance), far == len(self))
+        return np.asarray(distance > self.range[~self.far].max())
 
     def sent(self) -> RadarScan:
         """Return the scan that the sensor would send.
@@ -161,10 +165,22 @@ class Clusters:
         values["near"], values["far"] = len(self) - far, far
         values["invalid_state"] = self.invalid_state
         values["frames_lost"] = scan.frames_lost + self.masked
-        for name in scan.__dataclass_fields__.keys() - values.keys():
-            value = getattr(scan, name)
-            values[name] = value[self.source] if isinstance(value, np.ndarray) else value
-        return type(scan)(**values)
+        scan_type: Any = type(scan)
+        names, get = _others(scan_type, frozenset(values))
+        source = self.source
+        others = [one[source] if isinstance(one, np.ndarray) else one for one in get(scan)]
+        values.update(zip(names, others, strict=True))
+        made: RadarScan = scan_type(**values)
+        return made
+
+
+@cache
+def _others(
+    scan_type: type[RadarScan], known: frozenset[str]
+) -> tuple[tuple[str, ...], attrgetter[tuple[Any, ...]]]:
+    """Return the names of a scan's other fields, and what gets them all at once."""
+    names = tuple(field.name for field in fields(scan_type) if field.name not in known)
+    return names, attrgetter(*names)
 
 
 def consistent_quality(scan: RadarScan, drop_db: float, sensor: RadarSensor) -> RadarScan:

@@ -35,6 +35,7 @@ _SECTOR_STD_DEG = 10.0
 _HIT_SHARE = 0.5
 _BURST_DB = 6.0
 _BURST_GHOSTS = 20
+_BURST_SPEED = 30.0
 _PULL_M = 60.0
 _PULL_SPEED = 30.0
 _PULL_SCANS = 100
@@ -154,16 +155,17 @@ def _burst(jammer: Jammer, clusters: Clusters, generator: np.random.Generator) -
     """Add the ghosts of crossing chirps: any range, the other radar's direction, any velocity."""
     if not jammer.ghosts or not len(clusters):
         return
-    sensor = clusters.sensor
-    distance = generator.uniform(sensor.range_min_m, clusters.range.max() + 10.0, jammer.ghosts)
+    sensor, real = clusters.sensor, len(clusters)
+    along, speed, loud, lend = generator.random((4, jammer.ghosts))
+    reach = float(clusters.range.max()) + 10.0 - sensor.range_min_m
+    distance = sensor.range_min_m + reach * along
     width = np.radians(sensor.far_azimuth_std_deg) + sensor.azimuth_resolution(distance, 0.0) / 2
     azimuth = math.radians(jammer.azimuth_deg) + width * generator.standard_normal(jammer.ghosts)
-    radial = generator.uniform(-30.0, 30.0, jammer.ghosts)
+    radial = _BURST_SPEED * (2 * speed - 1)
     x, y = np.cos(azimuth), np.sin(azimuth)
-    places = generator.random(jammer.ghosts) * (len(clusters) - 1)
-    rcs = np.interp(places, np.arange(len(clusters)), np.sort(clusters.rows[4]))
+    rcs = np.sort(clusters.rows[4])[(loud * real).astype(np.intp)]
     rows = np.array([distance * x, distance * y, radial * x, radial * y, rcs])
-    lender = generator.integers(0, len(clusters), jammer.ghosts)
+    lender = (lend * real).astype(np.intp)
     clusters.add(rows, lender, np.full(jammer.ghosts, 12, np.uint8))
 
 

@@ -274,14 +274,16 @@ def _add_ghosts(clusters: Clusters, ghosts: tuple[Ghost, ...]) -> None:
     distances = [sensor.range_min_m + ghost.range_fraction * reach for ghost in ghosts]
     widths = sensor.ghost_azimuth(distances).tolist()
     lenders = [int(ghost.source_fraction * real) for ghost in ghosts]
-    _, _, vx, vy, rcs = clusters.rows
-    loudness = np.sort(rcs)
+    places = [round(ghost.rcs_fraction * (real - 1)) for ghost in ghosts]
+    speeds = clusters.rows[2:4].take(lenders, axis=1).T.tolist()
+    loudness = np.sort(clusters.rows[4]).take(places).tolist()
     rows = []
-    for ghost, distance, width, lender in zip(ghosts, distances, widths, lenders, strict=True):
+    for ghost, distance, width, (vx, vy), rcs in zip(
+        ghosts, distances, widths, speeds, loudness, strict=True
+    ):
         azimuth = ghost.azimuth_fraction * width
         x, y = math.cos(azimuth), math.sin(azimuth)
-        radial = vx[lender] * x + vy[lender] * y
-        rcs = loudness[round(ghost.rcs_fraction * (real - 1))]
+        radial = vx * x + vy * y
         rows.append((distance * x, distance * y, radial * x, radial * y, rcs))
     states = np.array([ghost.invalid_state for ghost in ghosts], np.uint8)
     clusters.add(np.array(rows).T, np.array(lenders), states)
