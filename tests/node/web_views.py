@@ -27,6 +27,14 @@ SENSORS = [
 NOISE = {"sensor": "camera", "kind": "noise", "level": 0}
 PATIENCE_S = 30.0
 
+UPGRADE = {
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+}
+"""Headers that ask for a web socket (RFC 6455)."""
+
 
 def view_plan(**settings: Any) -> Plan:
     outputs = {"view": {"port": 0, **settings}}
