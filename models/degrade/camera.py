@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from dbc.errors import InputError
 from models.degrade.checks import check_level, check_within
 from models.degrade.draw import DrawKey
-from models.degrade.pointwise import normal_quantiles, strips
+from models.degrade.pointwise import looked_up, normal_quantiles, strips
 
 Image = NDArray[np.uint8]
 Method = Literal["fast", "exact", "published"]
@@ -204,10 +204,12 @@ def _expose(exposure: Exposure, image: Image) -> Image:
 def _add_fast_noise(noise: Noise, image: Image) -> Image:
     flat = np.ascontiguousarray(image).reshape(1, -1)
     noisy = np.empty_like(flat)
-    tables = np.rint(normal_quantiles(_TABLES) * noise.std).astype(np.int16)
+    values = np.rint(normal_quantiles(_TABLES) * noise.std)
+    brighter = np.clip(values, 0, 255).astype(np.uint8)
+    darker = np.clip(-values, 0, 255).astype(np.uint8)
     for part, random, table in strips(noise.seed, flat.size, _TABLES):
-        values = cv2.LUT(random, tables[table])
-        cv2.add(flat[:, part], values, dst=noisy[:, part], dtype=cv2.CV_8U)
+        here = cv2.add(flat[:, part], looked_up(random, brighter[table]), dst=noisy[:, part])
+        cv2.subtract(here, looked_up(random, darker[table]), dst=here)
     return np.asarray(noisy.reshape(image.shape), np.uint8)
 
 

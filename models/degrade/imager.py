@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from models.degrade.camera import Image, check_image
 from models.degrade.checks import check_level
 from models.degrade.draw import DrawKey
-from models.degrade.pointwise import add_noise, words
+from models.degrade.pointwise import add_noise, looked_up, words
 
 KINDS = ("motion", "tunnel", "poisson", "salt_pepper", "low_light", "jpeg", "dead")
 
@@ -167,7 +167,7 @@ def apply(degradation: ImagerDegradation, image: Image) -> Image:
         case Motion():
             return _smear(degradation, image)
         case Gain(gain=gain):
-            return np.asarray(cv2.convertScaleAbs(image, alpha=gain), np.uint8)
+            return looked_up(image, np.clip(np.rint(gain * _VALUES), 0, 255).astype(np.uint8))
         case SignalNoise(gain=gain, shot=shot, read=read, seed=seed):
             return add_noise(image, np.sqrt(shot * _VALUES + read**2), gain * _VALUES, seed)
         case Stuck(kind="salt_pepper"):

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from dbc.errors import InputError
 from models.degrade import imager
 from models.degrade.draw import DrawKey
+from models.degrade.pointwise import looked_up
 
 KEY = DrawKey(1, "camera", 3)
 LEVELS = range(0, 101, 10)
@@ -51,6 +52,17 @@ def test_each_level_departs_farther_from_the_image(kind):
     errors = [np.abs(degrade(kind, level, image).astype(int) - image).mean() for level in LEVELS]
     assert (np.diff(errors) > (-0.02 if kind == "jpeg" else 0)).all()
     assert errors[-1] > 1
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 300), st.integers(1, 3), st.integers(0, 2**32))
+def test_a_table_of_bytes_is_looked_up_value_by_value(length, step, seed):
+    random = np.random.default_rng(seed)
+    table = random.integers(0, 256, 256, dtype=np.uint8)
+    values = random.integers(0, 256, (3, length * step), dtype=np.uint8)[:, ::step]
+    before = values.copy()
+    np.testing.assert_array_equal(looked_up(values, table), table[values])
+    np.testing.assert_array_equal(values, before)
 
 
 @settings(max_examples=40, deadline=None)
