@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from itertools import chain
@@ -127,3 +128,9 @@ def open_camera_source(spec: str | Path, sensor: str) -> FrameSource:
     from drivers.video import open_video
 
     return open_video(path, sensor)
+
+
+def natural_key(name: str) -> list[tuple[int, str]]:
+    """Return what sorts ``2.png`` before ``10.png``."""
+    parts = re.split(r"(\d+)", name)
+    return [(int(part), part) if part.isdecimal() else (-1, part) for part in parts]

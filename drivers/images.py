@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.errors import VideoError
-from drivers.camera import IMAGE_SUFFIXES, Recording
+from drivers.camera import IMAGE_SUFFIXES, Recording, natural_key
 from drivers.frame import Frame
 
 
@@ -80,9 +79,4 @@ def list_images(path: Path) -> list[Path]:
         raise VideoError(path, str(error.strerror).lower(), "expected images") from error
     if not paths:
         raise VideoError(path, "holds no image", f"expected {' '.join(sorted(IMAGE_SUFFIXES))}")
-    return sorted(paths, key=_natural_key)
-
-
-def _natural_key(path: Path) -> list[tuple[int, str]]:
-    parts = re.split(r"(\d+)", path.name)
-    return [(int(part), part) if part.isdecimal() else (-1, part) for part in parts]
+    return sorted(paths, key=lambda entry: natural_key(entry.name))

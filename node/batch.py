@@ -2,22 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, groupby
 from pathlib import Path
 from time import perf_counter_ns
+from typing import Any
 
-from dbc.errors import InputError
-from drivers.camera import open_camera_source
+from dbc.errors import InputError, VideoError
+from drivers.camera import natural_key, open_camera_source
 from drivers.frame import Frame
 from drivers.scan import RadarScan
 from models.estimate.level import Estimate
-from node.estimator import load_network
+from node.dataset.sources import Source, find_sources
+from node.estimator import load_follower, load_network
 from node.recording import is_recording, open_sensors
 from node.scene import SensorType
 
+Message = Frame | RadarScan
+Network = Callable[[Any], Estimate]
+
 LOG_SUFFIXES = {".log", ".txt", ".candump", ".asc", ".blf", ".trc", ".mf4", ".db", ".csv"}
+
+_IMAGE_PERIOD_NS = 100_000_000
+"""Images have no time of their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One file to read.
+
+    Attributes
+    ----------
+    sequence:
+        Number of a single image or scan among those of its folder; None of a file given by itself
+        or of many messages.
+    """
+
+    path: Path
+    sequence: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,49 +51,128 @@ class Row:
     Attributes
     ----------
     source:
-        The path that it came from, as it was given; of a recording with the topic.
+        The file that it came from, below the path that was given; of a recording with the topic.
+    group:
+        The folder of single images and scans, else the source.
     sequence, stamp_ns:
-        The message's own.
+        The message's own; single images and scans are counted in their folder.
     run_time_us:
         Of the estimate alone, microseconds.
     """
 
     source: str
+    group: str
     sequence: int
     stamp_ns: int
     estimate: Estimate
     run_time_us: float
 
 
-def estimate_paths(paths: list[Path]) -> Iterator[Row]:
-    """Estimate every frame and cluster scan of images, folders, videos, CAN logs and recordings.
+def estimate_paths(paths: list[Path], *, window: bool = False) -> Iterator[Row]:
+    """Estimate every frame and cluster scan of images, videos, CAN logs, recordings and folders.
+
+    Parameters
+    ----------
+    window:
+        Whether a radar's scan is estimated with those before it, instead of by itself.
 
     Raises
     ------
     InputError
-        At the first file that cannot be read; what came before has been yielded.
+        At the end, where something could not be read; everything else has been yielded.
     """
-    networks = {}
-    for source, sensor_type, messages in chain.from_iterable(map(streams, paths)):
-        if sensor_type not in networks:
-            networks[sensor_type] = load_network(sensor_type)
-        network = networks[sensor_type]
-        for message in messages:
-            start_ns = perf_counter_ns()
-            estimate = network(message)
-            run_time_us = (perf_counter_ns() - start_ns) / 1e3
-            yield Row(source, message.sequence, message.stamp_ns, estimate, run_time_us)
+    networks: dict[SensorType, Network] = {}
+    failures: list[InputError] = []
+    for path in paths:
+        with _kept(failures):
+            for part in parts(path):
+                with _kept(failures):
+                    for source, sensor_type, messages in streams(part):
+                        if sensor_type not in networks:
+                            networks[sensor_type] = load_network(sensor_type)
+                        follows = window and sensor_type == "radar"
+                        network = load_follower("radar") if follows else networks[sensor_type]
+                        yield from _rows(part, source, network, messages)
+    if failures:
+        first, others = failures[0], len(failures) - 1
+        more = f" (and {others} more could not be read)" if others else ""
+        raise type(first)(first.where, first.what + more, first.remedy)
 
 
-def streams(path: Path) -> Iterator[tuple[str, SensorType, Iterator[Frame | RadarScan]]]:
-    """Yield name, sensor type and messages of each sensor that a path holds."""
+@contextmanager
+def _kept(failures: list[InputError]) -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        failures.append(error)
+
+
+def _rows(part: Part, source: str, network: Network, messages: Iterator[Message]) -> Iterator[Row]:
+    for message in messages:
+        start_ns = perf_counter_ns()
+        estimate = network(message)
+        run_time_us = (perf_counter_ns() - start_ns) / 1e3
+        group = source if part.sequence is None else str(part.path.parent)
+        yield Row(source, group, message.sequence, message.stamp_ns, estimate, run_time_us)
+
+
+def parts(path: Path) -> Iterator[Part]:
+    """Yield what a path names: itself, or all that a folder and its folders hold.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be read or holds nothing that is understood.
+    """
+    if not path.is_dir():
+        yield Part(path)
+        return
+    found, _ = find_sources(path)
+    for (place, single), sources in groupby(sorted(found, key=_place), key=_place):
+        below = path / place.relative_to(path.absolute())
+        if not single:
+            yield Part(below)
+            continue
+        files = sorted({source.path.name for source in sources}, key=natural_key)
+        for sequence, name in enumerate(files):
+            yield Part(below / name, sequence)
+
+
+def _place(source: Source) -> tuple[Path, bool]:
+    """Return the folder of a single image or scan, else the file; and whether it is single."""
+    single = source.form in ("image", "cloud")
+    return source.path.parent if single else source.path, single
+
+
+def streams(part: Part) -> Iterator[tuple[str, SensorType, Iterator[Message]]]:
+    """Yield name, sensor type and messages of each sensor that a file holds."""
+    path, sequence = part.path, part.sequence or 0
     if is_recording(str(path)):
         for sensor, source in open_sensors(path):
             yield sensor.source, sensor.type, source.messages()
+    elif path.suffix.lower() == ".pcd":
+        yield str(path), "radar", _cloud(path, sequence)
+    elif part.sequence is not None:
+        yield str(path), "camera", _image(path, sequence)
     elif _is_log(path):
         yield str(path), "radar", _scans(path)
     else:
         yield str(path), "camera", _frames(path)
+
+
+def _image(path: Path, sequence: int) -> Iterator[Frame]:
+    from drivers.images import read_image
+
+    image = read_image(path)
+    if image is None:
+        raise VideoError(path, "cannot be decoded", "expected an image")
+    yield Frame(image, path.parent.name, sequence, sequence * _IMAGE_PERIOD_NS, "file", 0)
+
+
+def _cloud(path: Path, sequence: int) -> Iterator[RadarScan]:
+    from drivers.nuscenes import read_cloud, scan_of
+
+    yield scan_of(read_cloud(path), path.parent.name, sequence, path)
 
 
 def _is_log(path: Path) -> bool:

@@ -26,10 +26,10 @@ def calibrate(
 ) -> None:
     """Fit a small correction to a sensor's clean driving; a scene names it as 'calibration'."""
     from models.evaluate.calibrate import calibrate as fit_to
-    from node.batch import streams
+    from node.batch import parts, streams
     from node.estimator import load_follower
 
-    found = (stream for path in paths for stream in streams(path))
+    found = (stream for path in paths for part in parts(path) for stream in streams(part))
     messages = chain.from_iterable(own for _, kind, own in found if kind == sensor)
     correction, worth = fit_to(sensor.value, messages, partial(load_follower, sensor.value), seed)
     file = output or Path(f"{sensor}-calibration.json")

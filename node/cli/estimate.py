@@ -10,6 +10,8 @@ import typer
 from node.cli.output import emit, plain_console
 
 if TYPE_CHECKING:
+    from rich.table import Column
+
     from node.batch import Row
 
 WORST = 10
@@ -17,17 +19,24 @@ WORST = 10
 
 def estimate(
     paths: Annotated[list[Path], typer.Argument(help="Images, folders, videos, CAN logs, MCAP.")],
+    window: Annotated[
+        bool, typer.Option("--window", help="Estimate a radar's scan with those before it.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="One JSON object a frame or scan.")] = False,
 ) -> None:
     """Estimate every frame and scan of files, each by itself, without a filter in time."""
     from node.batch import estimate_paths
 
-    rows = estimate_paths(paths)
-    if json:
-        for row in rows:
-            emit(as_record(row))
-    else:
-        _print(list(rows))
+    rows: list[Row] = []
+    try:
+        for row in estimate_paths(paths, window=window):
+            if json:
+                emit(as_record(row))
+            else:
+                rows.append(row)
+    finally:
+        if rows:
+            _print(rows)
 
 
 def as_record(row: Row) -> dict[str, Any]:
@@ -46,15 +55,15 @@ def as_record(row: Row) -> dict[str, Any]:
 
 
 def _print(rows: list[Row]) -> None:
-    """Print the distribution of the levels by source, and the worst frames and scans."""
+    """Print the distribution of the levels by folder or file, and the worst frames and scans."""
     from rich.table import Table
 
     console = plain_console()
-    by_source: dict[str, list[Row]] = {}
+    groups: dict[str, list[Row]] = {}
     for row in rows:
-        by_source.setdefault(row.source, []).append(row)
-    table = Table("source", "messages", "0–20 %", "20–50 %", "50–100 %", "mean level", "µs")
-    for source, own in by_source.items():
+        groups.setdefault(row.group, []).append(row)
+    table = Table(_source(), "messages", "0–20 %", "20–50 %", "50–100 %", "mean level", "µs")
+    for group, own in groups.items():
         levels = [row.estimate.level for row in own]
         bands = [
             sum(low <= level < high for level in levels)
@@ -62,9 +71,9 @@ def _print(rows: list[Row]) -> None:
         ]
         mean_us = sum(row.run_time_us for row in own) / len(own)
         mean = sum(levels) / len(own)
-        table.add_row(source, str(len(own)), *map(str, bands), f"{mean:.1f} %", f"{mean_us:.0f}")
+        table.add_row(group, str(len(own)), *map(str, bands), f"{mean:.1f} %", f"{mean_us:.0f}")
     console.print(table)
-    worst = Table("source", "sequence", "level", "± %", "kind", title="worst")
+    worst = Table(_source(), "sequence", "level", "± %", "kind", title="worst")
     for row in sorted(rows, key=lambda row: -row.estimate.level)[:WORST]:
         worst.add_row(
             row.source,
@@ -74,3 +83,10 @@ def _print(rows: list[Row]) -> None:
             row.estimate.kind,
         )
     console.print(worst)
+
+
+def _source() -> Column:
+    """Return a column for paths, which are shown whole however narrow the terminal is."""
+    from rich.table import Column
+
+    return Column("source", overflow="fold")

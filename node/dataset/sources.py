@@ -91,7 +91,7 @@ def find_sources(path: Path) -> tuple[list[Source], int]:
     files = [name for name in _walk(path) if not _is_foreign(path, name)]
     known = {name: forms for name in files if (forms := _forms(path / name, alone=False))}
     if not known:
-        raise InputError(path, "holds nothing to degrade", f"expected {_UNDERSTOOD}")
+        raise InputError(path, "holds nothing that is understood", f"expected {_UNDERSTOOD}")
     messages: dict[str, int] = {}
     sources = []
     for name, forms in known.items():

@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import pytest
+
+from dbc.errors import InputError
+from drivers.ars408_cycles import find_cycles
+from drivers.can_frames import concatenate
+from drivers.candump import read_candump
+from node.batch import Row, estimate_paths
+from tests.node.datasets import digests
+
+ESTIMATE = [sys.executable, "-c", "from node.cli import main; main()", "estimate"]
+
+
+def answers(rows: list[Row]) -> list[tuple[str, int, float]]:
+    return [(row.source, row.sequence, row.estimate.level) for row in rows]
+
+
+def test_a_folder_gives_what_its_files_give(small: Path) -> None:
+    rows = list(estimate_paths([small]))
+    alone = [small / "day" / "1.jpg", small / "day" / "left" / "2.png", small / "drive.mp4",
+             small / "radar.log", *sorted((small / "clouds").iterdir()),
+             small / "zipped.log.gz"]  # fmt: skip
+    expected = {(source, level) for source, _, level in answers(list(estimate_paths(alone)))}
+    assert {(source, level) for source, _, level in answers(rows)} == expected
+    assert {row.source for row in rows} == {str(path) for path in alone}
+
+
+def test_single_files_are_counted_in_their_folder_in_natural_order(
+    small: Path, tmp_path: Path
+) -> None:
+    photo = (small / "day" / "1.jpg").read_bytes()
+    for name in ("10.jpg", "2.jpg", "1.jpg"):
+        (tmp_path / name).write_bytes(photo)
+    rows = list(estimate_paths([tmp_path]))
+    assert [(Path(row.source).name, row.sequence) for row in rows] == [
+        ("1.jpg", 0),
+        ("2.jpg", 1),
+        ("10.jpg", 2),
+    ]
+    assert {row.group for row in rows} == {str(tmp_path)}
+
+
+def test_paths_are_named_as_they_were_given(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(small)
+    before = digests(small)
+    assert {row.source for row in estimate_paths([Path("day")])} == {"day/1.jpg", "day/left/2.png"}
+    assert digests(small) == before
+
+
+def test_what_cannot_be_read_is_said_at_the_end_and_costs_nothing_else(
+    small: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "0.png").write_bytes(b"no image")
+    (tmp_path / "1.jpg").write_bytes((small / "day" / "1.jpg").read_bytes())
+    (tmp_path / "2.pcd").write_bytes(b"no cloud")
+    (tmp_path / "3.log").write_text("no log\n")
+    (tmp_path / "4.log").write_bytes((small / "radar.log").read_bytes())
+    rows: list[Row] = []
+    with pytest.raises(InputError, match=r"0\.png.*and 3 more could not be read"):
+        rows.extend(estimate_paths([tmp_path, tmp_path / "absent.mp4"]))
+    assert [Path(row.source).name for row in rows] == ["1.jpg"] + ["4.log"] * 6
+    shown = subprocess.run(
+        [*ESTIMATE, "."], capture_output=True, text=True, timeout=120, cwd=tmp_path
+    )
+    assert shown.returncode == 2
+    assert len(shown.stderr.splitlines()) == 1
+    assert "4.log" in shown.stdout
+
+
+def test_a_window_takes_in_the_scans_before(data: Path) -> None:
+    log = data / "radar" / "nuscenes_mini" / "scene-0061.log"
+    alone, follow = (list(estimate_paths([log], window=window)) for window in (False, True))
+    assert len(follow) == len(alone) == len(list(find_cycles(concatenate(list(read_candump(log))))))
+    assert follow[0].estimate.level == alone[0].estimate.level
+    later = [row.estimate.level for row in follow[3:]]
+    assert later != [row.estimate.level for row in alone[3:]]
+
+
+def test_a_degraded_data_set_is_scored_by_its_labels(small: Path, tmp_path: Path) -> None:
+    """The labels name the files as the rows do, below the folder."""
+    image = cv2.imread(str(small / "day" / "1.jpg"))
+    cv2.imwrite(str(tmp_path / "a.png"), cv2.resize(image, (640, 360)))
+    degrade = [*ESTIMATE[:-1], "degrade", tmp_path / "a.png", tmp_path / "out"]
+    flags = ["--kind=noise", "--level=0", "--level=60", "--level=100"]
+    subprocess.run([*degrade, *flags], check=True, capture_output=True, timeout=120)
+    labels = [
+        json.loads(line) for line in (tmp_path / "out" / "labels.jsonl").read_text().splitlines()
+    ]
+    levels = {row.source: row.estimate.level for row in estimate_paths([tmp_path / "out"])}
+    assert set(levels) == {str(tmp_path / "out" / label["file"]) for label in labels}
+    for label in labels:
+        assert levels[str(tmp_path / "out" / label["file"])] == pytest.approx(
+            label["level"], abs=20
+        )
