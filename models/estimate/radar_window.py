@@ -23,10 +23,12 @@ WINDOW = 14
 MAX_GAP_S = 1.0
 """Silence after which a window starts anew, s: the scenery is another."""
 
-SHORTEST_COUNT_S, LONGEST_COUNT_S = 0.025, 0.12
-"""Bounds of the time that a count of MeasCounter stands for, s: a cycle takes 70 to 80 ms and
-counts one or two. A recording that is played much faster or slower onto a bus is beyond them."""
+SHORTEST_CYCLE_S, LONGEST_CYCLE_S = 0.055, 0.095
+"""Bounds of the time from one measurement to the next by the radar's own counter, s: it takes 70 to
+80 ms. A recording that is played much faster or slower onto a bus is beyond them."""
 _COUNTS = 1 << 16
+_USUAL_STEP = 2
+"""By which MeasCounter rises in a cycle, as long as no odd difference tells that it is 1."""
 
 _TYPICAL_GAP_S = 0.2
 _SHORTEST_GAP_S = 0.01
@@ -105,6 +107,7 @@ class ScanWindow:
     def __init__(self) -> None:
         self._scans: deque[Evidence] = deque(maxlen=WINDOW)
         self._counters: deque[int] = deque(maxlen=WINDOW)
+        self._step = _USUAL_STEP
 
     def add(self, scan: RadarScan) -> NDArray[np.float32] | None:
         """Take in the next scan; return the network's inputs, or None where it is empty."""
@@ -125,5 +128,7 @@ class ScanWindow:
         counts = (scan.meas_counter - self._counters[0]) % _COUNTS
         if not counts:  # a counter that stands still tells nothing
             return True
-        elapsed_s = (scan.stamp_ns - first.stamp_ns) * 1e-9
-        return SHORTEST_COUNT_S <= elapsed_s / counts <= LONGEST_COUNT_S
+        if counts % _USUAL_STEP:
+            self._step = 1
+        cycle_s = (scan.stamp_ns - first.stamp_ns) * 1e-9 * self._step / counts
+        return SHORTEST_CYCLE_S <= cycle_s <= LONGEST_CYCLE_S

@@ -15,6 +15,7 @@ from models.degrade.draw import DrawKey
 from models.degrade.radar import apply, draw
 from models.estimate.filter import LevelFilter, level_filter
 from models.estimate.level import LEVELS, RADAR_KINDS, Estimate
+from models.sensor import ARS408
 from models.world.radar import WorldRadar
 from models.world.road import World
 
@@ -78,7 +79,7 @@ def _read(path: Path) -> Iterator[RadarScan]:
             stamp_ns=int(stamp) * 1000,
             stamp_source="file",
             mode="cluster",
-            meas_counter=sequence % 65536,
+            meas_counter=2 * round((stamp - stamps[0]) * 1e-6 / ARS408.cycle_s) % 65536,
             near=int(last - first),
             far=0,
             id=np.arange(last - first, dtype=np.uint8),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from models.estimate.radar import RadarEstimator
 from models.estimate.radar_pairs import PAIR_FEATURES, carried, pair_features
 from models.estimate.radar_view import view
 from models.estimate.radar_window import INPUTS, MAX_GAP_S, WINDOW, ScanWindow, evidence, inputs
-from models.evaluate.radar import degraded, simulated_drive
+from models.evaluate.radar import degraded, recorded_drives, simulated_drive
 from models.sensor import ARS408
 from models.world.radar import WorldRadar
 from models.world.road import World
@@ -86,18 +87,47 @@ def test_gap_starts_a_new_window(scans: tuple[RadarScan, ...], gap_s: float) -> 
     np.testing.assert_array_equal(window.add(after), ScanWindow().add(after))
 
 
+@pytest.mark.parametrize("step", [1, 2])
+@pytest.mark.parametrize("speed", [0.5, 2.0, 7.0])
 def test_scans_whose_stamps_do_not_run_with_the_radars_counter_stand_alone(
-    scans: tuple[RadarScan, ...],
+    scans: tuple[RadarScan, ...], step: int, speed: float
 ) -> None:
-    window, alone = ScanWindow(), ScanWindow()
-    for number, scan in enumerate(scans[:5]):
-        played_fast = replace(scan, stamp_ns=scans[0].stamp_ns + number * 10_000_000)
-        np.testing.assert_array_equal(window.add(played_fast), ScanWindow().add(played_fast))
+    """A recording that is played slower or faster: what moves is not where it is expected."""
     window = ScanWindow()
-    for scan in scans[:5]:
-        stuck = window.add(replace(scan, meas_counter=7))
-        counting = alone.add(scan)
-    np.testing.assert_array_equal(stuck, counting)
+    window.add(counting(scans[0], 0, step))
+    for number, scan in enumerate(scans[1:6], start=1):
+        since_ns = round((scan.stamp_ns - scans[0].stamp_ns) / speed)
+        played = counting(scan, number, step)
+        played = replace(played, stamp_ns=scans[0].stamp_ns + since_ns)
+        np.testing.assert_array_equal(window.add(played), ScanWindow().add(played))
+
+
+@pytest.mark.parametrize("step", [0, 1, 2])
+@pytest.mark.parametrize("lost", [1, 3])
+def test_scans_at_their_own_speed_go_on_however_the_counter_counts(
+    scans: tuple[RadarScan, ...], step: int, lost: int
+) -> None:
+    """Whether it stands still or counts one or two a cycle, with all scans or some lost."""
+    window, plain = ScanWindow(), ScanWindow()
+    for number, scan in enumerate(scans[:9:lost]):
+        plain.add(scan)
+        window.add(counting(scan, number * lost, step))
+    last = counting(scans[-1], len(scans) - 1, step)
+    np.testing.assert_array_equal(window.add(last), plain.add(scans[-1]))
+
+
+def test_recorded_scans_go_on(data: Path) -> None:
+    """At 2 Hz, with the counter of a radar that went on measuring in between."""
+    for drive in recorded_drives(data):
+        window = ScanWindow()
+        window.add(drive.scans[0])
+        for scan in drive.scans[1:8]:
+            assert not np.array_equal(window.add(scan), ScanWindow().add(scan))
+
+
+def counting(scan: RadarScan, number: int, step: int) -> RadarScan:
+    """Return a scan whose counter has counted so often since 65535."""
+    return replace(scan, meas_counter=(65535 + number * step) % 65536)
 
 
 def test_empty_scan_holds_no_evidence_and_ends_the_window(scans: tuple[RadarScan, ...]) -> None:
