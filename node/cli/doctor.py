@@ -27,6 +27,7 @@ REQUIRED = (
     "python-can",
     "rich",
     "rosbags",
+    "stringzilla",
     "typer",
     "zstandard",
 )
