@@ -9,7 +9,7 @@ import numpy as np
 from rosbags.typesys.store import Typestore
 
 from drivers.frame import Frame
-from node.bus.scan_message import injected_fields, injected_of, ros_time, time_ns_of
+from node.bus.scan_message import drawn_of, injected_fields, injected_of, ros_time, time_ns_of
 
 JPEG_QUALITY = 90
 """Of 100; OpenCV's own default of 95 takes half as many bytes again."""
@@ -41,7 +41,7 @@ def frame_info_message(frame: Frame, store: Typestore) -> Any:
         frame.sequence,
         frame.stamp_source,
         frame.dropped,
-        **injected_fields(frame.injected),
+        **injected_fields(frame),
     )
 
 
@@ -66,4 +66,5 @@ def parse_frame(message: Any, info: Any) -> Frame:
         stamp_source=info.stamp_source,
         dropped=info.dropped,
         injected=injected_of(info),
+        drawn=drawn_of(info),
     )

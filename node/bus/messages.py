@@ -21,6 +21,7 @@ from drivers.scan import RadarScan
 from models.estimate.level import NoiseLevel
 from node.bus.scan_message import (
     cloud_message,
+    drawn_of,
     injected_fields,
     injected_of,
     parse_scan,
@@ -170,7 +171,7 @@ def _build_level(level: NoiseLevel, store: Typestore) -> Any:
         kind=level.kind,
         kinds=list(level.kind_probabilities),
         kind_probabilities=np.array(list(level.kind_probabilities.values()), np.float64),
-        **injected_fields(level.injected),
+        **injected_fields(level),
     )
 
 
@@ -188,6 +189,7 @@ def _parse_level(message: Any) -> NoiseLevel:
         raw=message.raw,
         effort=message.effort,
         injected=injected_of(message),
+        drawn=drawn_of(message),
         latency_ns=message.latency_ns,
         sequence=message.sequence,
         dropped=message.dropped,

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from rosbags.typesys.store import Typestore
 
+from drivers.frame import Frame
 from drivers.scan import RadarScan
+from models.degrade.parameters import from_json, to_json
+from models.estimate.level import NoiseLevel
 
 _DATATYPES = {np.dtype(np.uint8): 2, np.dtype(np.float32): 7}
 """``sensor_msgs/PointField`` constants UINT8 and FLOAT32."""
@@ -30,17 +32,18 @@ def time_ns_of(stamp: Any) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def injected_fields(injected: Mapping[str, float] | None) -> dict[str, Any]:
-    """Return the fields ``injected_kinds`` and ``injected_levels`` of a ROS message."""
-    injected = injected or {}
+def injected_fields(message: Frame | RadarScan | NoiseLevel) -> dict[str, Any]:
+    """Return the fields of a ROS message that say what was injected, and how it was drawn."""
+    injected, drawn = message.injected or {}, message.drawn or {}
     return {
         "injected_kinds": list(injected),
         "injected_levels": np.array(list(injected.values()), np.float64),
+        "injected_drawn": [to_json(drawn[kind]) if kind in drawn else "" for kind in injected],
     }
 
 
 def injected_of(message: Any) -> dict[str, float] | None:
-    """Return what those two fields say; None where nothing was injected.
+    """Return the levels that those fields say; None where nothing was injected.
 
     Raises
     ------
@@ -49,6 +52,18 @@ def injected_of(message: Any) -> dict[str, float] | None:
     """
     kinds, levels = message.injected_kinds, message.injected_levels.tolist()
     return dict(zip(kinds, levels, strict=True)) or None
+
+
+def drawn_of(message: Any) -> dict[str, Any] | None:
+    """Return the drawn parameters that those fields say; None where they say none.
+
+    Raises
+    ------
+    ValueError
+        If they are not of one length, or hold something else.
+    """
+    texts = zip(message.injected_kinds, message.injected_drawn, strict=True)
+    return {kind: from_json(text) for kind, text in texts if text} or None
 
 
 def cloud_message(scan: RadarScan, store: Typestore) -> Any:
@@ -88,7 +103,7 @@ def scan_info_message(scan: RadarScan, store: Typestore) -> Any:
     types = store.types
     header = types["std_msgs/msg/Header"](ros_time(scan.stamp_ns, store), scan.sensor)
     values = {name: getattr(scan, name) for name in _HEAD}
-    return types["murk_msgs/msg/RadarScanInfo"](header, **values, **injected_fields(scan.injected))
+    return types["murk_msgs/msg/RadarScanInfo"](header, **values, **injected_fields(scan))
 
 
 def parse_scan(cloud: Any, info: Any) -> RadarScan:
@@ -117,6 +132,7 @@ def parse_scan(cloud: Any, info: Any) -> RadarScan:
         sensor=info.header.frame_id,
         stamp_ns=time_ns_of(info.header.stamp),
         injected=injected_of(info),
+        drawn=drawn_of(info),
         **{name: getattr(info, name) for name in _HEAD},
         **arrays,
     )

@@ -11,6 +11,7 @@
 #include <cstdio>
 #include <cstring>
 #include <functional>
+#include <iomanip>
 #include <memory>
 #include <sstream>
 #include <string>
@@ -93,7 +94,7 @@ public:
     }
 
     template <typename T> void number(const char* name) { key(name) << +value<T>(); }
-    void text(const char* name) { key(name) << '"' << value<std::string>() << '"'; }
+    void text(const char* name) { key(name) << std::quoted(value<std::string>()); }
 
     void doubles(const char* name, size_t count)
     {
@@ -109,7 +110,7 @@ public:
     {
         key(name) << '[';
         for (uint32_t count = value<uint32_t>(), i = 0; i < count; ++i)
-            out_ << (i ? ",\"" : "\"") << value<std::string>() << '"';
+            out_ << (i ? "," : "") << std::quoted(value<std::string>());
         out_ << ']';
     }
 
@@ -183,6 +184,7 @@ std::string noise_level(Bytes& bytes)
     read.doubles("kind_probabilities");
     read.texts("injected_kinds");
     read.doubles("injected_levels");
+    read.texts("injected_drawn");
     return read.json();
 }
 
