@@ -270,6 +270,7 @@ class Radar:
             strays=strays,
             dropped=self._dropped,
             injected=None,
+            drawn=None,
             **arrays,
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,8 @@ class Frame:
         Frames lost before this one since the source was opened.
     injected:
         ``{kind: level in %}`` that was injected before the source gave it, where it says so.
+    drawn:
+        Of these the drawn parameters by kind, where the source knows them.
     """
 
     image: NDArray[np.uint8]
@@ -43,3 +45,4 @@ class Frame:
     stamp_source: StampSource
     dropped: int = 0
     injected: Mapping[str, float] | None = None
+    drawn: Mapping[str, Any] | None = None

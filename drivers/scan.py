@@ -50,6 +50,8 @@ class RadarScan:
         Frames dropped by the kernel since the bus was opened, where it tells.
     injected:
         ``{kind: level in %}`` that was injected before the source gave it, where it says so.
+    drawn:
+        Of these the drawn parameters by kind, where the source knows them.
     id:
         (n,) uint8, cluster or object ID.
     x, y:
@@ -93,6 +95,7 @@ class RadarScan:
     strays: int = 0
     dropped: int = 0
     injected: Mapping[str, float] | None = None
+    drawn: Mapping[str, Any] | None = None
     id: ByteArray
     x: FloatArray
     y: FloatArray

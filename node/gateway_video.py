@@ -141,7 +141,7 @@ class VideoLink:
     def _changed(self, frame: Frame, t_s: float) -> tuple[Frame | None, int]:
         """Return what becomes of a frame, None where it is lost, and how late it comes, ns."""
         degraded, injected = self._levels.injector.inject(frame, t_s)
-        self._counts["degraded"] += injected is not None
+        self._counts["degraded"] += bool(injected)
         return self._faults.apply(degraded, self._levels.rates_at(t_s))
 
     def _send_all(self) -> None:

@@ -63,20 +63,22 @@ class Injector:
             levels |= self._set
         return {kind: level for kind, level in levels.items() if level > 0}
 
-    def inject(self, message: Any, t_s: float) -> tuple[Any, dict[str, float] | None]:
+    def inject(self, message: Any, t_s: float) -> tuple[Any, dict[str, Any]]:
         """Degrade a Frame or a RadarScan.
 
         Returns
         -------
-        The message and what was injected (level in % by kind), None where nothing was.
+        The message, and the drawn parameters of what was injected by kind, in the order in which
+        they were applied; none where nothing was.
         """
         levels = self.levels_at(t_s)
         key = DrawKey(self._seed, self._sensor.name, message.sequence)
         data = message.image if isinstance(message, Frame) else message
+        drawn = {}
         for kind, level in levels.items():
             module = module_of(self._sensor.type, kind)
-            drawn = module.draw(kind, level, key, **self._options.get(kind, {}))
-            data = module.apply(drawn, data)
-        if not levels:
-            return message, None
-        return (replace(message, image=data) if isinstance(message, Frame) else data), levels
+            drawn[kind] = module.draw(kind, level, key, **self._options.get(kind, {}))
+            data = module.apply(drawn[kind], data)
+        if drawn and isinstance(message, Frame):
+            return replace(message, image=data), drawn
+        return data if drawn else message, drawn

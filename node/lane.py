@@ -181,10 +181,13 @@ class Lane:
     def _process(self, arrived: Arrived) -> NoiseLevel:
         self.statistics.dropped_by_queue = self._queue.dropped
         message: Frame | RadarScan = arrived.message
-        injected = dict(message.injected or {})
+        injected, drawn = dict(message.injected or {}), dict(message.drawn or {})
         if self.injector is not None:
             message, added = self.injector.inject(message, arrived.t_ns * 1e-9)
-            injected |= added or {}
+            for kind, one in added.items():
+                injected.pop(kind, None)
+                drawn.pop(kind, None)
+                injected[kind], drawn[kind] = one.level, one
         self._publish("image" if isinstance(message, Frame) else "scan", message)
         level = self._estimator.estimate(
             message,
@@ -192,6 +195,8 @@ class Lane:
             injected=injected or None,
             dropped=self.statistics.dropped,
         )
+        if drawn:
+            level = replace(level, drawn=drawn)
         self.statistics.count(level)
         self._publish("noise_level", level)
         return level

@@ -175,7 +175,9 @@ class RecordingSource:
                     yield waiting
                 waiting, came = replace(message, sensor=self._sensor.name), True
             elif waiting is not None and message.sequence == waiting.sequence:
-                yield replace(waiting, injected=message.injected, dropped=message.dropped)
+                yield replace(
+                    waiting, injected=message.injected, drawn=message.drawn, dropped=message.dropped
+                )
                 waiting = None
         if waiting is not None:
             yield waiting

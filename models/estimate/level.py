@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,6 +91,9 @@ class NoiseLevel:
     effort:
         Share of the usual reading that it took: 1, less for a glance, 0 where the level was only
         carried on in time.
+    drawn:
+        Of these the drawn parameters by kind, in the order in which they were applied: applied to
+        the same message they give the same one again. Without those that the source did not tell.
     """
 
     sensor: str
@@ -104,6 +109,7 @@ class NoiseLevel:
     sequence: int
     dropped: int
     effort: float = 1.0
+    drawn: Mapping[str, Any] | None = None
 
     @property
     def true_level(self) -> float:

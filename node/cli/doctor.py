@@ -28,6 +28,7 @@ REQUIRED = (
     "rich",
     "rosbags",
     "stringzilla",
+    "stringzilla",
     "typer",
     "zstandard",
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
@@ -21,11 +22,13 @@ def _plain(value: Any) -> Any:
         return value.tolist()
     if isinstance(value, np.generic):
         return value.item()
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
     raise TypeError(f"{type(value).__name__} has no JSON form")
 
 
 def emit(record: Mapping[str, Any]) -> None:
-    """Write one JSON object as a line on standard output; arrays become lists.
+    """Write one JSON object as a line on standard output; arrays become lists, dataclasses objects.
 
     Raises
     ------

@@ -201,6 +201,7 @@ def as_record(level: NoiseLevel) -> dict[str, Any]:
         "kind_probabilities",
         "raw",
         "injected",
+        "drawn",
         "latency_ns",
         "sequence",
         "dropped",

@@ -52,6 +52,7 @@ class NoiseLevel(IdlStruct, typename="murk_msgs.msg.dds_.NoiseLevel_"):
     kind_probabilities: sequence[float64]
     injected_kinds: sequence[str]
     injected_levels: sequence[float64]
+    injected_drawn: sequence[str]
 
 
 @dataclass

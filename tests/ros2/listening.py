@@ -12,8 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from models.degrade import radar
+from models.degrade.draw import DrawKey
 from models.estimate.level import NoiseLevel
 
+GHOSTS = radar.draw("ghosts", 5.0, DrawKey(1, "front", 3))
 PATIENCE_S = 20.0
 """How long a test waits for what must come; far longer than it takes."""
 
@@ -83,6 +86,7 @@ def noise_level(sequence: int = 0, sensor: str = "front", level: float = 12.5) -
         raw=14.5,
         effort=0.25,
         injected={"snr": 40.0, "ghosts": 5.0},
+        drawn={"ghosts": GHOSTS},
         latency_ns=777,
         sequence=sequence,
         dropped=9,

@@ -12,9 +12,10 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="needs the extra 'ros2'")
 
+from models.degrade.parameters import to_json
 from models.estimate.level import NoiseLevel
 from node.bus.in_process import Bus
-from tests.ros2.listening import ListenerProcess, noise_level, wait_until
+from tests.ros2.listening import GHOSTS, ListenerProcess, noise_level, wait_until
 from tests.ros2.test_ros2 import TOPIC, open_output
 
 SOURCE = Path(__file__).with_name("fastdds.cpp")
@@ -65,6 +66,7 @@ def fields(level: NoiseLevel) -> dict[str, object]:
         "kind_probabilities": list(level.kind_probabilities.values()),
         "injected_kinds": list(injected),
         "injected_levels": list(injected.values()),
+        "injected_drawn": ["", to_json(GHOSTS)] if injected else [],
     }
 
 

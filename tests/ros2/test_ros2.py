@@ -17,6 +17,7 @@ pytest.importorskip("cyclonedds", reason="needs the extra 'ros2'")
 
 from dbc.errors import InputError, SceneError
 from drivers.frame import Frame
+from models.degrade.parameters import to_json
 from node.bus.dds import (
     LATCHED,
     RELIABLE,
@@ -48,7 +49,7 @@ from node.outputs import SetInjection
 from node.plan import plan
 from node.scene import check_scene
 from tests.drivers.radar_strategies import random_scan
-from tests.ros2.listening import ListenerProcess, noise_level, wait_until
+from tests.ros2.listening import GHOSTS, ListenerProcess, noise_level, wait_until
 from tests.ros2.test_messages import assert_same
 
 TOPIC = "/murk/front/noise_level"
@@ -101,6 +102,7 @@ def test_another_process_receives_every_field(bus: Bus, domain: int, listen: Lis
             "kind_probabilities": [0.25, 0.75],
             "injected_kinds": ["snr", "ghosts"],
             "injected_levels": [40.0, 5.0],
+            "injected_drawn": ["", to_json(GHOSTS)],
         }
         for number in range(8, 30):
             bus.publish(TOPIC, noise_level(number))
