@@ -38,7 +38,7 @@ from models.evaluate.camera_tables import (
     sizes_table,
 )
 from models.evaluate.codecs import Image
-from models.evaluate.opponents import read_opponents
+from models.evaluate.opponents import CAMERA_PAPER_ACCURACY, opponent_points, read_opponents
 from models.evaluate.report import Goal, Point, Result, Table
 from models.evaluate.restore import restoration_table
 from models.evaluate.timing import camera_data, median_us, one_thread
@@ -114,10 +114,7 @@ def _rivals(
             time_us = median_us(partial(estimate, image), rounds)
             yield Point("camera network", f"effort {effort:g}", time_us, error, UNIT)
     yield from _int8(frames, image, rounds)
-    for opponent in read_opponents("camera"):
-        time_us = opponent.run_time_us * run_time_us / opponent.shipped_run_time_us
-        error = opponent.tables["test"]["all"]["mean_error"]
-        yield Point(f"opponent {opponent.name}", "all kinds", time_us, error, UNIT)
+    yield from opponent_points("camera", run_time_us, UNIT)
 
 
 def _int8(frames: Sequence[CleanFrame], image: Image, rounds: int) -> Iterator[Point]:
@@ -143,9 +140,17 @@ def _int8(frames: Sequence[CleanFrame], image: Image, rounds: int) -> Iterator[P
 def _opponents(answers: Answers) -> Table:
     """Return accuracy and error of the opponents beside the network's."""
     rows: list[tuple[str | float, ...]] = [
-        (opponent.name, opponent.what, opponent.samples, *_errors(opponent.tables["test"]))
+        (
+            opponent.name,
+            f"{opponent.what} (reads {opponent.inputs})",
+            opponent.samples,
+            *_errors(opponent.tables["test"]),
+        )
         for opponent in read_opponents("camera")
     ]
+    unknown = ("–",) * (1 + len(MAIN_KINDS))
+    reported = ("paper, as it reports", "on data and splits of its own", "–")
+    rows.append((*reported, 100 * CAMERA_PAPER_ACCURACY, *unknown))
     rows.append(("murk", "the shipped network", "see its card", *_errors(answers.table())))
     columns = ("network", "what it is", "samples", "level right, %", "mean error, points")
     title = "Camera: opponents, trained on the same frames"

@@ -8,12 +8,17 @@ networks' weights.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from models.estimate.network import WEIGHTS
+from models.evaluate.report import Point
 
 OPPONENTS = WEIGHTS / "opponents"
+
+CAMERA_PAPER_ACCURACY = 0.6219
+"""What the paper reports of its camera network, kinds pooled, on data and splits of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +29,9 @@ class Opponent:
     ----------
     name, what:
         Its name, and what it is, with all that was reduced.
+    inputs:
+        What it reads of a frame or scan; with its version where that is murk's own reading, which
+        may have changed since.
     samples, parameters:
         Of its training; parameters are 0 where it has none to count.
     run_time_us, shipped_run_time_us:
@@ -35,6 +43,7 @@ class Opponent:
 
     name: str
     what: str
+    inputs: str
     samples: int
     parameters: int
     run_time_us: float
@@ -53,3 +62,20 @@ def read_opponents(sensor: str) -> list[Opponent]:
         Opponent(**json.loads(path.read_text(encoding="utf-8")))
         for path in sorted(OPPONENTS.glob(f"{sensor}_*.json"))
     ]
+
+
+def opponent_points(sensor: str, shipped_run_time_us: float, unit: str) -> Iterator[Point]:
+    """Yield error against run time of every opponent that ships; a curve for a common first word.
+
+    Parameters
+    ----------
+    shipped_run_time_us:
+        What the shipped network takes now. The opponents' run times are those of then, times this
+        over what it took beside them then.
+    """
+    for opponent in read_opponents(sensor):
+        curve, _, knob = opponent.name.partition("_")
+        run_time_us = opponent.run_time_us * shipped_run_time_us / opponent.shipped_run_time_us
+        error = opponent.tables["test"]["all"]["mean_error"]
+        knob = knob.replace("_", " ") or "as it is"
+        yield Point(f"opponent {curve}", knob, run_time_us, error, unit)

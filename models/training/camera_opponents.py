@@ -3,12 +3,14 @@
 They learn from the same frames, varied in the same way, but degraded by the main kinds only, which
 are all that they are measured on. They tell the level, not the kind.
 
-=========  ================================================================================
-regressor  classic measures and a perceptron of 32 hidden units that regresses the level
-trees      gradient-boosted trees on the same measures, a class a level
-paper      the paper's network, see ``models.training.camera_paper``
-width_N    murk's own network, N = 16, 64 or 192 units wide, for what the width is worth
-=========  ================================================================================
+================  =========================================================================
+regressor         classic measures and a perceptron of 32 hidden units that regresses the level
+trees             gradient-boosted trees on the same measures, a class a level
+paper             the paper's network with what helps it, see ``models.training.camera_paper``
+paper_as_written  the same with no more than what the paper writes
+width_N           murk's own network, N = 16, 64 or 192 units wide: what the width is worth
+shrunk_N          the same, 192 wide, with the frame shrunk to 1/N first, N = 2 or 4: what it loses
+================  =========================================================================
 """
 
 from __future__ import annotations
@@ -18,24 +20,25 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from statistics import median
-from time import perf_counter
+from tempfile import TemporaryDirectory
+from time import process_time
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dbc.errors import InputError, MissingExtra
-from models.estimate.camera import CameraEstimator
+from models.estimate.camera import VERSION, CameraEstimator
 from models.estimate.image_features import image_features
-from models.estimate.level import LEVELS, Estimate
-from models.estimate.network import softmax
+from models.estimate.level import CAMERA_KINDS, LEVELS, Estimate
 from models.evaluate.camera import clean_frames, measure
 from models.evaluate.classics import classic_features
 from models.evaluate.codecs import Image
 from models.evaluate.opponents import Opponent
+from models.evaluate.timing import median_us, one_thread
 from models.training.camera_frames import MAIN_ONLY, Clean, Samples, make_samples
 from models.training.camera_network import Perceptron, fit
-from models.training.camera_paper import CROP, fit_paper, paper_network, probabilities
+from models.training.camera_paper import CROP, crop, fit_paper, paper_network, probabilities
 from models.training.camera_simulated import simulated_frames
 
 try:
@@ -44,6 +47,8 @@ try:
     from sklearn.neural_network import MLPRegressor
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
+
+    from models.training.export import export
 except ImportError:
     raise MissingExtra("train", "murk train camera --opponent") from None
 
@@ -51,18 +56,20 @@ Estimator = Callable[[Image], Estimate]
 Report = Callable[[dict[str, object]], None]
 
 _PASSES = 3
-_PAPER_EVERY = 2
+_EPOCHS = 30
 _DRAWS = 8
 _QUICK_FRAMES = 12
-_ROUNDS = 30
+_ROUNDS = 20
+_CLASSIC = "classic_features"
 
 
 @dataclass(frozen=True, slots=True)
 class Trained:
-    """A trained opponent: its estimator, what it is, and the size of it and of its training."""
+    """A trained opponent: its estimator, what it is and reads, its size and its training's."""
 
     estimate: Estimator
     what: str
+    inputs: str
     samples: int
     parameters: int
 
@@ -98,14 +105,15 @@ def train_opponent(
     trained = OPPONENTS[name]([*splits["train"], *simulated], quick, seed, report)
     report({"measuring": name})
     draws = 2 if quick else _DRAWS
-    image = np.random.default_rng(0).integers(0, 256, (900, 1600, 3), np.uint8)
+    run_time_us, shipped_run_time_us = _run_times_us([trained.estimate, CameraEstimator().estimate])
     opponent = Opponent(
         name=name,
         what=trained.what,
+        inputs=trained.inputs,
         samples=trained.samples,
         parameters=trained.parameters,
-        run_time_us=_run_time_us(trained.estimate, image),
-        shipped_run_time_us=_run_time_us(CameraEstimator().estimate, image),
+        run_time_us=run_time_us,
+        shipped_run_time_us=shipped_run_time_us,
         tables={
             split: measure(trained.estimate, splits[split], draws=draws).table()
             for split in ("val", "test")
@@ -118,7 +126,7 @@ def train_opponent(
 def _regressor(frames: Sequence[Clean], quick: bool, seed: int, report: Report) -> Trained:
     samples = _classic_samples(frames, quick, seed, report)
     perceptron = MLPRegressor(
-        hidden_layer_sizes=(32,), early_stopping=True, max_iter=200, random_state=seed
+        hidden_layer_sizes=(32,), early_stopping=True, max_iter=1000, random_state=seed
     )
     model = make_pipeline(StandardScaler(), perceptron)
     model.fit(samples.features, samples.levels / 100)
@@ -129,7 +137,7 @@ def _regressor(frames: Sequence[Clean], quick: bool, seed: int, report: Report) 
 
     parameters = sum(weights.size for weights in [*perceptron.coefs_, *perceptron.intercepts_])
     what = "classic measures, perceptron of 32 hidden units"
-    return Trained(estimate, what, len(samples.levels), parameters)
+    return Trained(estimate, what, _CLASSIC, len(samples.levels), parameters)
 
 
 def _trees(frames: Sequence[Clean], quick: bool, seed: int, report: Report) -> Trained:
@@ -144,51 +152,88 @@ def _trees(frames: Sequence[Clean], quick: bool, seed: int, report: Report) -> T
         answer[model.classes_] = model.predict_proba(classic_features(image)[np.newaxis])[0]
         return _only_level(answer)
 
-    return Trained(estimate, "classic measures, gradient-boosted trees", len(samples.levels), 0)
+    what = "classic measures, gradient-boosted trees"
+    return Trained(estimate, what, _CLASSIC, len(samples.levels), 0)
 
 
-def _paper(frames: Sequence[Clean], quick: bool, seed: int, report: Report) -> Trained:
-    network, samples = fit_paper(frames[::_PAPER_EVERY], 1, seed, report)
+def _paper(
+    as_written: bool, frames: Sequence[Clean], quick: bool, seed: int, report: Report
+) -> Trained:
+    start = process_time()
+    network, crops = fit_paper(frames, seed, report, as_written=as_written, quick=quick)
+    minutes = (process_time() - start) / 60
     height, width = CROP
-    what = (
-        f"the paper's network, reduced: a native crop of {width} × {height} pixels from the middle "
-        f"instead of 1600 × 900, so 24 inputs to the last layer instead of 400; {samples:,} "
-        "samples, each seen once, one-cycle rate of at most 2e-3 instead of 1e-4 throughout"
+    whole, image = paper_network(900, 1600), np.zeros((900, 1600, 3), np.uint8)
+    whole_ms = median_us(lambda: probabilities(whole, image), 5) / 1e3
+    how = (
+        "raw values, PyTorch's initialisation, Adam at 1e-4"
+        if as_written
+        else "standardised values, He's initialisation, the first five blocks trained before six "
+        "and seven, on small windows"
     )
-    whole = sum(weights.numel() for weights in paper_network(900, 1600).parameters())
+    what = (
+        f"the paper's network on a native crop of {width} × {height} pixels from the middle; "
+        f"{how}; {minutes:.0f} minutes of one core. At 1600 × 900 it has "
+        f"{sum(weights.numel() for weights in whole.parameters()):,} parameters and takes "
+        f"{whole_ms:.0f} ms"
+    )
     return Trained(
-        lambda image: _only_level(probabilities(network, image)),
-        f"{what}; {whole:,} parameters at full size",
-        samples,
+        lambda image: _only_level(probabilities(network, crop(image))),
+        what,
+        f"crop of {width} × {height} pixels, BGR",
+        crops,
         sum(weights.numel() for weights in network.parameters()),
     )
 
 
-def _width(hidden: int, frames: Sequence[Clean], quick: bool, seed: int, report: Report) -> Trained:
-    samples = make_samples(frames, 1 if quick else _PASSES, seed, recipe=MAIN_ONLY)
+def _own(
+    hidden: int, shrink: int, frames: Sequence[Clean], quick: bool, seed: int, report: Report
+) -> Trained:
+    describe = partial(_shrunk_features, shrink)
+    passes = 1 if quick else _PASSES
+    samples = make_samples(frames, passes, seed, recipe=MAIN_ONLY, describe=describe)
     torch.manual_seed(seed)
     torch.set_num_threads(1)
     features = torch.from_numpy(samples.features)
     network = Perceptron(features.mean(dim=0), features.std(dim=0) + 1e-2, hidden)
-    fit(network, samples, epochs=30, peak_rate=3e-3, report=report)
+    fit(network, samples, epochs=_EPOCHS, peak_rate=3e-3, report=report)
+    example = {"features": features[:1]}
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "camera.onnx"
+        export(network, example, file, model="camera", version=VERSION, kinds=CAMERA_KINDS)
+        estimator = CameraEstimator(file)
+    return Trained(
+        lambda image: estimator.estimate(_shrunk(image, shrink)),
+        f"murk's network, {hidden} units wide, main kinds only, {passes} passes, {_EPOCHS} epochs"
+        + (f"; frame shrunk to 1/{shrink} first" if shrink > 1 else ""),
+        f"image_features, version {VERSION}, {features.shape[1]} values",
+        len(samples.levels),
+        sum(weights.numel() for weights in network.parameters()),
+    )
 
-    def estimate(image: Image) -> Estimate:
-        with torch.no_grad():
-            level, _ = network(torch.from_numpy(image_features(image)[np.newaxis]))
-        return _only_level(softmax(level[0].numpy()))
 
-    what = f"murk's network, {hidden} units wide, main kinds only"
-    parameters = sum(weights.numel() for weights in network.parameters())
-    return Trained(estimate, what, len(samples.levels), parameters)
+def _shrunk_features(shrink: int, image: Image) -> NDArray[np.float32]:
+    return image_features(_shrunk(image, shrink))
+
+
+def _shrunk(image: Image, shrink: int) -> Image:
+    """Return the frame at 1/shrink of its height and width, at least one pixel of each."""
+    if shrink == 1:
+        return image
+    size = [max(1, length // shrink) for length in image.shape[1::-1]]
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 OPPONENTS: dict[str, Callable[[Sequence[Clean], bool, int, Report], Trained]] = {
     "regressor": _regressor,
     "trees": _trees,
-    "paper": _paper,
-    "width_16": partial(_width, 16),
-    "width_64": partial(_width, 64),
-    "width_192": partial(_width, 192),
+    "paper": partial(_paper, False),
+    "paper_as_written": partial(_paper, True),
+    "width_16": partial(_own, 16, 1),
+    "width_64": partial(_own, 64, 1),
+    "width_192": partial(_own, 192, 1),
+    "shrunk_2": partial(_own, 192, 2),
+    "shrunk_4": partial(_own, 192, 4),
 }
 
 
@@ -210,14 +255,12 @@ def _around(level: float) -> NDArray[np.float64]:
     return np.maximum(1 - distance, 0)
 
 
-def _run_time_us(estimate: Estimator, image: Image) -> float:
-    """Return the median run time of one estimate on one thread, microseconds."""
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    times = []
-    for _ in range(_ROUNDS):
-        start = perf_counter()
-        estimate(image)
-        times.append(perf_counter() - start)
-    cv2.setNumThreads(threads)
-    return median(times) * 1e6
+def _run_times_us(estimators: Sequence[Estimator]) -> list[float]:
+    """Return the median run time of each at 1600 × 900 on one thread, measured in turn, µs."""
+    image = np.random.default_rng(0).integers(0, 256, (900, 1600, 3), np.uint8)
+    with one_thread():
+        rounds = [
+            [median_us(partial(estimate, image), 3) for estimate in estimators]
+            for _ in range(_ROUNDS)
+        ]
+    return [median(times) for times in zip(*rounds, strict=True)]
