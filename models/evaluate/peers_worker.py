@@ -20,7 +20,11 @@ import numpy as np
 
 
 class Pair(NamedTuple):
-    """A corruption of another library, and the kind and level of ours that does the like."""
+    """A corruption of another library, and the kind and level of ours that does the like.
+
+    Where ``theirs`` is several of albumentations' in a row, joined by "+", ``options`` has those of
+    each. ``does_less`` says that theirs leaves out most of what ours does.
+    """
 
     library: str
     theirs: str
@@ -28,6 +32,7 @@ class Pair(NamedTuple):
     level: float
     options: dict[str, Any]
     theirs_is: str
+    does_less: bool = False
 
 
 PAIRS = (
@@ -52,9 +57,13 @@ PAIRS = (
     Pair("albumentations", "MotionBlur", "motion", 60, {"blur_limit": (25, 25)},
          "a drawn line as kernel"),
     Pair("albumentations", "RandomBrightnessContrast", "tunnel", 30,
-         {"brightness_limit": (0.3, 0.3)}, "a table of bytes, by AVX-512"),
+         {"brightness_limit": (0.3, 0.3)}, "the same: a table of bytes, by the same library"),
+    Pair("albumentations", "GaussianBlur+RandomBrightnessContrast", "over", 30,
+         {"GaussianBlur": {"blur_limit": (3, 3), "sigma_limit": (0.8, 0.8)},
+          "RandomBrightnessContrast": {"brightness_limit": (0.3, 0.3)}},
+         "the like in two steps, rounded twice"),
     Pair("albumentations", "RandomBrightnessContrast", "over", 30,
-         {"brightness_limit": (0.3, 0.3)}, "a table of bytes: no neighbours, no optics"),
+         {"brightness_limit": (0.3, 0.3)}, "a table of bytes: no neighbours, no optics", True),
     Pair("albumentations", "RandomFog", "fog", 60, {}, "discs of grey, no depth, no law"),
     Pair("albumentations", "RandomRain", "rain", 60, {}, "equal streaks, darker, no haze"),
     Pair("albumentations", "RandomSnow", "snow", 60, {}, "whitens what is bright, no flakes"),
@@ -88,7 +97,10 @@ def _call(pair: Pair, image: Any) -> Callable[[], Any]:
         corruptions.gaussian = _gaussian
         return partial(library.corrupt, image, corruption_name=pair.theirs, severity=3)
     if pair.library == "albumentations":
-        return partial(getattr(library, pair.theirs)(p=1.0, **pair.options), image=image)
+        names = pair.theirs.split("+")
+        options = pair.options if len(names) > 1 else {pair.theirs: pair.options}
+        steps = [getattr(library, name)(p=1.0, **options[name]) for name in names]
+        return partial(library.Compose(steps) if len(steps) > 1 else steps[0], image=image)
     torch: Any = import_module("torch")
     torch.set_num_threads(1)
     torch.set_grad_enabled(False)

@@ -28,9 +28,9 @@ from models.degrade.draw import DrawKey
 from models.degrade.kinds import HAZY, KINDS, module_of
 from models.degrade.radar import echo_db, echo_over_threshold, std_growth
 from models.degrade.sequence import RandomWalk
-from models.evaluate.degrade import full_scan, textured_image
 from models.evaluate.exact import exact
 from models.evaluate.report import Goal, Point
+from models.evaluate.samples import full_scan, textured_image
 from models.sensor import ARS408
 
 _LEVELS = (0.0, 1e-9, 1e-3, 50.0, 100.0)

@@ -37,6 +37,11 @@ def test_the_benchmark_measures_every_kind_and_leaves_opencv_as_it_was():
         r for r in results if isinstance(r, Goal) and "ms" not in r.name and "µs" not in r.name
     ]
     assert len(accuracy) == 4
+    (codec,) = (r for r in results if isinstance(r, Table) and r.title.startswith("JPEG"))
+    for *_, encoding, decoding, whole in codec.rows:
+        assert encoding + decoding == pytest.approx(whole, rel=0.5)
+    (radar,) = (r for r in results if isinstance(r, Table) and r.title.startswith("Radar"))
+    assert {row[0] for row in radar.rows} == set(KINDS["radar"])
     assert all(goal.met for goal in accuracy if "beats" not in goal.name), accuracy
 
 
@@ -55,15 +60,18 @@ def test_peers_are_compared_where_they_are(monkeypatch, tmp_path):
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setenv("MURK_PEERS", sys.executable)
     image = np.zeros((90, 160, 3), np.uint8)
-    table, goal = peers.compare(image, sys.executable, quick=True)
+    table, goal, codec = peers.compare(image, sys.executable, quick=True)
     assert isinstance(table, Table)
     assert isinstance(goal, Goal)
+    assert isinstance(codec, Goal)
     rows = {row[2].removeprefix("imagecorruptions "): row for row in table.rows}
     assert rows["gaussian_noise"][3] == pytest.approx(10, rel=0.5)
     assert rows["gaussian_noise"][4] == pytest.approx(10 / rows["gaussian_noise"][1], rel=0.5)
     assert "no snow today" in rows["snow"][3]
     assert "fog" in goal.name
     assert (goal.goal, goal.met) == (20.0, False)
+    assert "same codec" in codec.name
+    assert "jpeg" in codec.name
 
 
 def test_without_peers_nothing_is_compared_and_a_wrong_one_is_named(monkeypatch, tmp_path):
