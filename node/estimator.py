@@ -49,8 +49,19 @@ def load_network(sensor_type: SensorType) -> Callable[[Any], Estimate]:
     return estimate_scan
 
 
-def load_adaptive_camera() -> Callable[[Frame], Estimate | None]:
-    """Return a function from a camera's successive frames to estimates; None: left out."""
+def load_adaptive(sensor_type: SensorType) -> Callable[[Any], Estimate | None]:
+    """Return a function from one sensor's successive messages to estimates; None: left out.
+
+    Raises
+    ------
+    ModelError
+        If the network's file is missing or not murk's.
+    """
+    if sensor_type == "radar":
+        from models.estimate.radar import RadarEstimator
+        from models.estimate.radar_adaptive import AdaptiveRadar
+
+        return AdaptiveRadar(RadarEstimator()).estimate
     from models.estimate.adaptive import AdaptiveCamera
     from models.estimate.camera import CameraEstimator
 
@@ -85,8 +96,8 @@ class Estimator:
     calibration:
         A file of ``murk calibrate`` that corrects this sensor's estimates.
     adaptive:
-        Whether a camera's frames are only glanced at while its level is certain, and some left out
-        while it is steady.
+        Whether frames are only glanced at while a camera's level is certain, and messages left out
+        while it, or a radar's, is steady.
 
     Raises
     ------
@@ -100,7 +111,7 @@ class Estimator:
         self, sensor_type: SensorType, calibration: Path | None = None, *, adaptive: bool = False
     ) -> None:
         self._look: Callable[[Any], Estimate | None] = (
-            load_adaptive_camera() if adaptive else load_follower(sensor_type)
+            load_adaptive(sensor_type) if adaptive else load_follower(sensor_type)
         )
         self._correction = Calibration.read(calibration, sensor_type) if calibration else None
         self._levels = level_filter(sensor_type)

@@ -91,8 +91,10 @@ def _effort(sensor: Sensor) -> str:
     reason = "its noise level is published"
     if sensor.calibration:
         reason += f", corrected by {sensor.calibration.name}"
-    if sensor.adaptive:
+    if sensor.adaptive and sensor.type == "camera":
         reason += "; a quarter of the reading while certain, fewer frames while steady"
+    elif sensor.adaptive:
+        reason += "; every second scan while certain and steady"
     return reason
 
 

@@ -69,8 +69,9 @@ class Sensor(_Strict):
     yaw rate (0x300, 0x301) are sent to a radar on a bus, 20 times a second. ``size`` (width,
     height), ``rate_hz`` and ``pixel_format`` are asked of a live camera; by default it is taken as
     it is. ``settings`` are sent to a radar on a bus until it confirms them. ``calibration`` is a
-    file of ``murk calibrate`` that corrects this sensor's estimates. ``adaptive`` lets a camera's
-    estimator glance at frames, or leave some out, while the level is certain and steady.
+    file of ``murk calibrate`` that corrects this sensor's estimates. ``adaptive`` lets the
+    estimator leave frames or scans out, or only glance at a frame, while the level is certain and
+    steady.
     """
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
@@ -84,12 +85,6 @@ class Sensor(_Strict):
     pixel_format: Literal["MJPG", "YUYV"] | None = None
     calibration: Path | None = None
     adaptive: bool = False
-
-    @model_validator(mode="after")
-    def _only_a_camera_adapts(self) -> Self:
-        if self.adaptive and self.type != "camera":
-            raise ValueError("'adaptive' is for cameras only")
-        return self
 
 
 _SCHEDULES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
