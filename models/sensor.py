@@ -163,14 +163,14 @@ class RadarSensor:
 
     def sees_near(self, range_m: ArrayLike, azimuth_rad: ArrayLike) -> NDArray[np.bool_]:
         """Return what lies inside the near scan's field of view."""
-        inside = np.abs(azimuth_rad) <= np.radians(self.near_azimuth_deg)
+        inside = np.abs(azimuth_rad) <= math.radians(self.near_azimuth_deg)
         reach = self._by_azimuth(self.near_range_m, azimuth_rad)
         distance = np.asarray(range_m)
         return np.asarray(inside & (distance >= self.range_min_m) & (distance <= reach))
 
     def sees_far(self, range_m: ArrayLike, azimuth_rad: ArrayLike) -> NDArray[np.bool_]:
         """Return what lies inside the far scan's field of view."""
-        inside = np.abs(azimuth_rad) <= np.radians(self.far_azimuth_deg)
+        inside = np.abs(azimuth_rad) <= math.radians(self.far_azimuth_deg)
         distance = np.asarray(range_m)
         reached = (distance >= self.range_min_m) & (distance <= self.range_max_m)
         return np.asarray(inside & reached)

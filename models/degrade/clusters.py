@@ -20,6 +20,8 @@ Mask = NDArray[np.bool_]
 Index = NDArray[np.intp]
 
 _FIELDS = ("x", "y", "vx", "vy", "rcs")
+_MADE = {*_FIELDS, "id", "near", "far", "invalid_state", "frames_lost"}
+"""Fields that ``sent`` makes anew."""
 _PDH0_BOUNDS = np.array([0.25, 0.5, 0.75, 0.9, 0.99, 0.999, 1.0])
 _PDH0_MIDDLES = np.array([1.0, 0.125, 0.375, 0.625, 0.825, 0.945, 0.9945, 0.9995])
 _RMS_INDICES_PER_DECADE = 30 / math.log10(2000)
@@ -166,7 +168,7 @@ class Clusters:
         values["invalid_state"] = self.invalid_state
         values["frames_lost"] = scan.frames_lost + self.masked
         scan_type: Any = type(scan)
-        names, get = _others(scan_type, frozenset(values))
+        names, get = _others(scan_type)
         source = self.source
         others = [one[source] if isinstance(one, np.ndarray) else one for one in get(scan)]
         values.update(zip(names, others, strict=True))
@@ -175,11 +177,9 @@ class Clusters:
 
 
 @cache
-def _others(
-    scan_type: type[RadarScan], known: frozenset[str]
-) -> tuple[tuple[str, ...], attrgetter[tuple[Any, ...]]]:
-    """Return the names of a scan's other fields, and what gets them all at once."""
-    names = tuple(field.name for field in fields(scan_type) if field.name not in known)
+def _others(scan_type: type[RadarScan]) -> tuple[tuple[str, ...], attrgetter[tuple[Any, ...]]]:
+    """Return the names of the fields that go with a cluster as they are, and what gets them all."""
+    names = tuple(field.name for field in fields(scan_type) if field.name not in _MADE)
     return names, attrgetter(*names)
 
 

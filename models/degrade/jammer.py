@@ -159,7 +159,7 @@ def _burst(jammer: Jammer, clusters: Clusters, generator: np.random.Generator) -
     along, speed, loud, lend = generator.random((4, jammer.ghosts))
     reach = float(clusters.range.max()) + 10.0 - sensor.range_min_m
     distance = sensor.range_min_m + reach * along
-    width = np.radians(sensor.far_azimuth_std_deg) + sensor.azimuth_resolution(distance, 0.0) / 2
+    width = math.radians(sensor.far_azimuth_std_deg) + sensor.azimuth_resolution(distance, 0.0) / 2
     azimuth = math.radians(jammer.azimuth_deg) + width * generator.standard_normal(jammer.ghosts)
     radial = _BURST_SPEED * (2 * speed - 1)
     x, y = np.cos(azimuth), np.sin(azimuth)

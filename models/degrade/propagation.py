@@ -160,18 +160,18 @@ def _add_images(propagation: Propagation, clusters: Clusters) -> None:
         return
     chance = np.random.Generator(np.random.SFC64(propagation.seed)).random(len(clusters))
     moving = _IS_MOVING[clusters.scan.dyn_prop[clusters.source]]
-    source = np.flatnonzero(moving & (chance < propagation.share))
-    rows = clusters.rows[:, source]
+    (source,) = (moving & (chance < propagation.share)).nonzero()
+    rows = clusters.rows.take(source, axis=1)
     images, lender = [bounced(rows)], [source]
     offset = rail_offset(clusters)
     if offset is not None:
-        inside = np.abs(rows[1]) < abs(offset)
-        images.append(mirrored(rows[:, inside], offset))
+        (inside,) = (np.abs(rows[1]) < abs(offset)).nonzero()
+        images.append(mirrored(rows.take(inside, axis=1), offset))
         lender.append(source[inside])
     found = np.concatenate(images, axis=1)
-    heard = _heard(found, clusters)
-    lenders = np.concatenate(lender)[heard]
-    clusters.add(found[:, heard], lenders, np.full(len(lenders), GHOST_INVALID_STATES[0], np.uint8))
+    (heard,) = _heard(found, clusters).nonzero()
+    states = np.full(len(heard), GHOST_INVALID_STATES[0], np.uint8)
+    clusters.add(found.take(heard, axis=1), np.concatenate(lender)[heard], states)
 
 
 def _heard(rows: FloatArray, clusters: Clusters) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

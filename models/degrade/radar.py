@@ -262,7 +262,8 @@ def jitter(clusters: Clusters, growth: float | FloatArray, deviates: FloatArray)
     """
     sensor, distance, azimuth = clusters.sensor, clusters.range, clusters.azimuth
     faster = growth * sensor.velocity_std * deviates[2] / np.maximum(distance, sensor.range_min_m)
-    clusters.rows[2:4] += faster * clusters.rows[:2]
+    velocity = clusters.rows[2:4]
+    velocity += faster * clusters.rows[:2]
     moved = distance + growth * sensor.range_std(distance) * deviates[0]
     turned = azimuth + growth * sensor.azimuth_std(distance, azimuth) * deviates[1]
     clusters.move(np.maximum(moved, sensor.range_min_m), turned)

@@ -63,7 +63,8 @@ def compare(image: NDArray[np.uint8], python: str, quick: bool) -> Iterator[Resu
         name, other = f"{pair.ours}, {pair.level:g} %", f"{pair.library} {pair.theirs}"
         if "ms" in record:
             gain = record["ms"] / own
-            group = f"{pair.library}, by the same codec" if pair.ours == "jpeg" else pair.library
+            codec = pair.theirs_is.startswith("the same codec")
+            group = f"{pair.library}, by the same codec" if codec else pair.library
             if not pair.does_less:
                 gains.setdefault(group, {})[f"{pair.ours}, {pair.theirs}"] = gain
             rows.append((name, own, other, record["ms"], gain, pair.theirs_is))
