@@ -45,7 +45,8 @@ def train(
     opponent: Annotated[
         str | None,
         typer.Option(
-            help="Train what the camera's network is compared with: regressor, trees, paper.",
+            help="Train what the camera's network is compared with: regressor, trees, paper, "
+            "paper_as_written, width_16 (64, 192), shrunk_2 (4).",
             metavar="NAME",
         ),
     ] = None,
