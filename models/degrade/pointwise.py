@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import cache
 from statistics import NormalDist
@@ -53,6 +54,12 @@ def words(seed: int, size: int) -> Iterator[tuple[slice, NDArray[np.uint16]]]:
     for start, (one, other) in zip(starts, places.tolist(), strict=True):
         n = min(_MAX_STRIP // 2, size - start)
         yield slice(start, start + n), first[None, one : one + n] + second[None, other : other + n]
+
+
+def uniform(seed: int, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return uniform numbers in [0, 1), the same on every machine."""
+    raw = np.random.SFC64(seed).random_raw(math.prod(shape))
+    return np.asarray((raw >> 11).reshape(shape) * 2.0**-53, np.float64)
 
 
 @cache

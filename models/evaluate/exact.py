@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.degrade import camera, imager, weather
+from models.degrade import camera, haze, imager, weather
 
 Image = NDArray[np.uint8]
 Exact = NDArray[np.float64]
@@ -44,10 +44,10 @@ def exact(drawn: Any, image: Image) -> Exact:
             return _smeared(drawn, image.astype(np.float32))
         case imager.Gain(gain=gain):
             return np.asarray(image * gain)
-        case weather.Weather(haze=weather.Haze(patchiness=0) as haze):
-            depth = weather.default_depth(image.shape[0], drawn.horizon)[:, None, None]
-            through = np.exp(-haze.extinction * depth)
-            airlight = haze.airlight * weather.scene_light(image, drawn.horizon)
+        case weather.Weather(haze=haze.Haze(patchiness=0) as air):
+            depth = haze.default_depth(image.shape[0], drawn.horizon)[:, None, None]
+            through = np.exp(-air.extinction * depth)
+            airlight = air.airlight * haze.scene_light(image, drawn.horizon)
             return np.asarray(image * through + airlight * (1 - through))
         case _:
             raise KeyError(drawn.kind)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dbc.errors import InputError
-from models.degrade import weather
+from models.degrade import haze, weather
 from models.degrade.draw import DrawKey
 
 KEY = DrawKey(1, "camera", 3)
@@ -54,7 +54,7 @@ def test_parameters_are_plain_data(kind):
     drawn = weather.draw(kind, 60, KEY)
     record = json.loads(json.dumps(asdict(drawn)))
     record["seeds"] = tuple(record["seeds"])
-    record["haze"] = record["haze"] and weather.Haze(**record["haze"])
+    record["haze"] = record["haze"] and haze.Haze(**record["haze"])
     assert weather.Weather(**record) == drawn
 
 
@@ -81,12 +81,12 @@ def test_bad_requests_are_refused():
 def test_fog_of_a_given_depth_is_koschmieders_law(distance):
     image = np.full((40, 60, 3), 40, np.uint8)
     image[:18] = 200  # the sky lights the air
-    haze = weather.Haze(extinction=weather.CONTRAST_LIMIT / 50, airlight=0.9)
-    fog = weather.Weather("fog", 100, haze, 0, 0.0, ())
+    fifty = haze.Haze(extinction=haze.CONTRAST_LIMIT / 50, airlight=0.9)
+    fog = weather.Weather("fog", 100, fifty, 0, 0.0, ())
     depth = np.full((40, 60), distance, np.float32)
     result = weather.apply(fog, image, depth_m=depth)[18:].astype(float)
     usable = distance if distance > 0 else math.inf
-    t = math.exp(-min(usable, weather.FARTHEST_M) * haze.extinction)
+    t = math.exp(-min(usable, haze.FARTHEST_M) * fifty.extinction)
     assert np.abs(result - (40 * t + 0.9 * 200 * (1 - t))).max() <= 1
     if distance == 50:  # at the visibility range 2 % of the contrast is left
         assert t == pytest.approx(0.02, rel=1e-3)
@@ -122,9 +122,9 @@ def test_the_air_is_as_bright_as_the_scene(kind):
 
 def test_a_lamp_does_not_light_the_whole_night():
     night = np.full((180, 320, 3), 10, np.uint8)
-    assert weather.scene_light(night) == 10
+    assert haze.scene_light(night) == 10
     night[30:50, 100:120] = 255
-    assert weather.scene_light(night) == 10
+    assert haze.scene_light(night) == 10
 
 
 def test_fog_drifts_without_jumps_and_drops_stay():
