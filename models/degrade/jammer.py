@@ -31,15 +31,15 @@ from models.sensor import ARS408, RadarSensor
 KINDS = ("noise_jam", "interference", "deception")
 
 _SECTOR_DB = 30.0
-_SECTOR_STD_DEG = 10.0
+SECTOR_STD_DEG = 10.0
 _HIT_SHARE = 0.5
 _BURST_DB = 6.0
 _BURST_GHOSTS = 20
-_BURST_SPEED = 30.0
+BURST_SPEED = 30.0
 _PULL_M = 60.0
 _PULL_SPEED = 30.0
 _PULL_SCANS = 100
-_TARGET_SIZE_M = 3.0
+TARGET_SIZE_M = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +131,7 @@ def _floor_db(jammer: Jammer, clusters: Clusters) -> float | FloatArray:
     """
     if jammer.kind == "interference":
         return jammer.floor_db
-    away = (np.degrees(clusters.azimuth) - jammer.azimuth_deg) / _SECTOR_STD_DEG
+    away = (np.degrees(clusters.azimuth) - jammer.azimuth_deg) / SECTOR_STD_DEG
     return np.asarray(jammer.floor_db * np.exp(-(away**2) / 2))
 
 
@@ -161,7 +161,7 @@ def _burst(jammer: Jammer, clusters: Clusters, generator: np.random.Generator) -
     distance = sensor.range_min_m + reach * along
     width = math.radians(sensor.far_azimuth_std_deg) + sensor.azimuth_resolution(distance, 0.0) / 2
     azimuth = math.radians(jammer.azimuth_deg) + width * generator.standard_normal(jammer.ghosts)
-    radial = _BURST_SPEED * (2 * speed - 1)
+    radial = BURST_SPEED * (2 * speed - 1)
     x, y = np.cos(azimuth), np.sin(azimuth)
     rcs = np.sort(clusters.rows[4])[(loud * real).astype(np.intp)]
     rows = np.array([distance * x, distance * y, radial * x, radial * y, rcs])
@@ -174,9 +174,9 @@ def _pull(jammer: Jammer, clusters: Clusters) -> None:
     if not len(clusters):
         return
     away = np.abs(np.degrees(clusters.azimuth) - jammer.azimuth_deg)
-    loudness = clusters.rows[4] - (away / _SECTOR_STD_DEG) ** 2
+    loudness = clusters.rows[4] - (away / SECTOR_STD_DEG) ** 2
     target = clusters.rows[:2, int(np.argmax(loudness)), None]
-    hit = np.hypot(*(clusters.rows[:2] - target)) <= _TARGET_SIZE_M
+    hit = np.hypot(*(clusters.rows[:2] - target)) <= TARGET_SIZE_M
     azimuth = clusters.azimuth
     clusters.rows[2] += hit * jammer.pull_speed * np.cos(azimuth)
     clusters.rows[3] += hit * jammer.pull_speed * np.sin(azimuth)

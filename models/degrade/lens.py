@@ -32,9 +32,8 @@ def put_drops(image: Image, seeds: tuple[int, ...], count: int) -> Image:
     far = (max(1, width // _FAR), max(1, height // _FAR))
     whole = image[: far[1] * _FAR, : far[0] * _FAR]
     small = np.asarray(cv2.resize(whole, far, interpolation=cv2.INTER_AREA), np.uint8)
-    drops = np.stack([uniform(seed, (DROPS_A_GROUP, 3)) for seed in seeds], axis=1)
-    for across, down, size in drops.reshape(-1, 3)[:count]:
-        radius = max(1, round((0.015 + 0.035 * size) * height))
+    for across, down, size in drops_of(seeds)[:count].tolist():
+        radius = radius_of(size, height)
         x, y = int(across * width), int(down * height)
         top, left = max(0, radius - y), max(0, radius - x)
         spot = result[y - radius + top : y + radius, x - radius + left : x + radius]
@@ -42,6 +41,17 @@ def put_drops(image: Image, seeds: tuple[int, ...], count: int) -> Image:
         shown, mask = _seen_in_drop(small, across, down, radius)[cut], _disc(radius)[cut]
         spot[...] = cv2.blendLinear(shown, spot, mask, 1 - mask)
     return result
+
+
+def drops_of(seeds: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return (n, 3): place across and down as shares of the image, and size from 0 to 1."""
+    drops = np.stack([uniform(seed, (DROPS_A_GROUP, 3)) for seed in seeds], axis=1)
+    return drops.reshape(-1, 3)
+
+
+def radius_of(size: float, height: int) -> int:
+    """Return a drop's radius, pixels, by its size and the image's height."""
+    return max(1, round((0.015 + 0.035 * size) * height))
 
 
 def _seen_in_drop(small: Image, across: float, down: float, radius: int) -> Image:
@@ -64,12 +74,16 @@ def _disc(radius: int) -> NDArray[np.float32]:
 
 
 def dirt(seed: int, level: float, shape: tuple[int, ...]) -> Bytes:
-    """Return the lens's transmission × 255: where the dirt lies thick it lets a fifth through."""
-    N = level / 100
-    covered = np.clip((_COVERED * N - _dirt_ranks(seed)) / _DIRT_EDGE, 0, 1)
-    through = np.rint(255 * (1 - _DIRT_OPACITY * covered)).astype(np.uint8)
+    """Return the dirty lens's transmission × 255, (height, width)."""
+    through = np.rint(255 * through_dirt(seed, level)).astype(np.uint8)
     smooth = cv2.resize(through, shape[1::-1], interpolation=cv2.INTER_LINEAR_EXACT)
     return np.asarray(smooth, np.uint8)
+
+
+def through_dirt(seed: int, level: float) -> NDArray[np.float64]:
+    """Return the transmission of dirt, (64, 128): where it lies thick it lets a fifth through."""
+    covered = np.clip((_COVERED * level / 100 - _dirt_ranks(seed)) / _DIRT_EDGE, 0, 1)
+    return np.asarray(1 - _DIRT_OPACITY * covered)
 
 
 @lru_cache(maxsize=16)

@@ -36,6 +36,10 @@ KINDS = ("snr", "ghosts", "missed", "jitter")
 GHOST_INVALID_STATES = (4, 9, 10, 11, 12)
 MAX_GHOSTS = 4
 
+MOST_GROWTH = 1e4
+"""Of the spread, at a loss of 80 dB: every direction is as likely, and most ranges are beyond the
+grid. More would leave nothing of the azimuth in float64."""
+
 _NEPERS_PER_DB = float(np.log(10.0)) / 10.0
 """Of power."""
 
@@ -169,7 +173,8 @@ def apply(
     if kind in ("snr", "missed"):
         _miss(clusters, degradation.level, drop_db, deviates(len(clusters)))
     if kind in ("snr", "jitter"):
-        jitter(clusters, float(std_growth(drop_db)), deviates((3, len(clusters))))
+        growth = min(float(std_growth(drop_db)), MOST_GROWTH)
+        jitter(clusters, growth, deviates((3, len(clusters))))
     if degradation.ghosts and len(clusters):
         _add_ghosts(clusters, degradation.ghosts)
     sent = clusters.sent()

@@ -37,8 +37,12 @@ KINDS = ("fog", "rain", "snow", "drops", "dirt")
 
 _DROP_GROUPS = 8
 _DROP_LIFE = 160
-_DAYLIGHT = 200.0
-_DIRT_LIGHT = 0.25
+
+DAYLIGHT = 200.0
+"""Light of a scene in which what falls is as bright as it is drawn, counts."""
+
+DIRT_LIGHT = 0.25
+"""Of the scene's light that dirt scatters into the camera."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,12 +157,12 @@ def apply(weather: Weather, image: Image, *, depth_m: NDArray[np.float32] | None
     light = scene_light(image, weather.horizon)
     if weather.haze is None:
         through = dirt(weather.seeds[0], weather.level, image.shape)
-        return veil(image, through, _DIRT_LIGHT * light)
+        return veil(image, through, DIRT_LIGHT * light)
     through = transmission(weather.haze, weather.horizon, image.shape, depth_m)
     result = veil(image, through, weather.haze.airlight * light)
     if weather.kind == "fog":
         return result
-    layer = cv2.convertScaleAbs(falling(weather, image.shape), alpha=light / _DAYLIGHT)
+    layer = cv2.convertScaleAbs(falling(weather, image.shape), alpha=light / DAYLIGHT)
     return np.asarray(cv2.add(result, cv2.cvtColor(layer, cv2.COLOR_GRAY2BGR), dst=result))
 
 
