@@ -106,7 +106,9 @@ class Injection(_Strict):
     is ``level`` for ``duration_s`` at the start of every ``period_s``, else ``rest``.
 
     ``horizon`` is the share of the image above it, for weather; ``ghost_life`` the number of scans
-    in which the same ghosts appear.
+    in which the same ghosts appear; ``snr_drop_db`` the loss at 100 %, dB, and ``quality`` whether
+    the radar's own quality fields follow it; ``std_max`` the noise at 100 %, counts; ``method``
+    which variant of blur, exposure or noise it is.
     """
 
     sensor: str
@@ -121,6 +123,10 @@ class Injection(_Strict):
     rest: Level | None = None
     horizon: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] | None = None
     ghost_life: PositiveInt | None = None
+    snr_drop_db: Annotated[float, Field(ge=0, le=300, allow_inf_nan=False)] | None = None
+    quality: Literal["frozen", "consistent"] | None = None
+    std_max: Annotated[float, Field(ge=0, le=255, allow_inf_nan=False)] | None = None
+    method: Literal["fast", "exact", "published"] | None = None
 
     @model_validator(mode="after")
     def _one_schedule(self) -> Self:
@@ -152,12 +158,14 @@ class Injection(_Strict):
         for name in self.options:
             if self.kind not in OPTIONS[name]:
                 raise ValueError(f"'{name}' is not of kind '{self.kind}'")
+        if self.method == "published" and self.kind in ("over", "under"):
+            raise ValueError(f"'{self.kind}' has no published method")
         return self
 
     @property
-    def options(self) -> dict[str, float]:
+    def options(self) -> dict[str, Any]:
         """What else the kind's ``draw`` is given."""
-        every = {"horizon": self.horizon, "ghost_life": self.ghost_life}
+        every = {name: getattr(self, name) for name in OPTIONS}
         return {name: value for name, value in every.items() if value is not None}
 
     def schedule(self, seed: int) -> Schedule:

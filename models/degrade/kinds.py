@@ -7,8 +7,10 @@ imported when the kind is first needed. Each module has ``draw(kind, level, key)
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module
 from types import ModuleType
+from typing import Any
 
 _MODULES = {
     "camera": {
@@ -32,8 +34,20 @@ KINDS = {
 HAZY = ("fog", "rain", "snow")
 """Kinds that depend on depth: ``apply`` takes ``depth_m``."""
 
-OPTIONS = {"horizon": HAZY, "ghost_life": ("snr", "ghosts")}
-"""What else ``draw`` takes, and of which kinds."""
+OPTIONS = {
+    "horizon": HAZY,
+    "ghost_life": ("snr", "ghosts"),
+    "snr_drop_db": _MODULES["radar"]["radar"],
+    "quality": _MODULES["radar"]["radar"],
+    "method": _MODULES["camera"]["camera"],
+    "std_max": ("noise",),
+}
+"""What else ``draw`` takes, and of which kinds; see there."""
+
+
+def options_of(kind: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those of some options (by name) that the kind's ``draw`` takes."""
+    return {name: value for name, value in options.items() if kind in OPTIONS[name]}
 
 
 def module_of(sensor_type: str, kind: str) -> ModuleType:

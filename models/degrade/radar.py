@@ -131,8 +131,8 @@ def draw(
     check_within("snr_drop_db", snr_drop_db, 0.0, 300.0, "dB")
     if quality not in ("frozen", "consistent"):
         raise InputError(f"quality {quality!r}", "unknown", "frozen or consistent")
-    if ghost_life < 1:
-        raise InputError("ghost_life", f"{ghost_life} scans", "1 or more")
+    if ghost_life < 1 or ghost_life % 1:
+        raise InputError("ghost_life", f"{ghost_life} scans", "a whole number from 1")
     seed = int(key.generator(f"radar {kind}").bit_generator.random_raw())
     ghosts: tuple[Ghost, ...] = ()
     if kind in ("snr", "ghosts") and level > 0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -41,6 +41,15 @@ def degrade(
         Path | None,
         typer.Option(help="For weather: folder of depth maps.", metavar="FOLDER"),
     ] = None,
+    option: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with",
+            help="Repeatable: snr_drop_db=20, quality=consistent, ghost_life=5, std_max=50, "
+            "method=published.",
+            metavar="NAME=VALUE",
+        ),
+    ] = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Dask scheduler instead of this machine.", metavar="TCP")
     ] = None,
@@ -64,10 +73,22 @@ def degrade(
         raise SceneError("murk degrade", "needs INPUT and OUTPUT", "or --sheet")
     if every == bool(kind or level) or (not every and not (kind and level)):
         raise SceneError("murk degrade", "what is to be done?", "--kind and --level, or --all")
+    options = dict(map(_option, option or []))
+    if horizon is not None:
+        options["horizon"] = horizon
     plan = make_plan(
-        source, output, kind or [], level or ALL_LEVELS, seed, horizon=horizon, depth=depth
+        source, output, kind or [], level or ALL_LEVELS, seed, options=options, depth=depth
     )
     _run(plan, scheduler, json=json)
+
+
+def _option(text: str) -> tuple[str, int | float | str]:
+    """Return name and value; a value that reads as a number is one."""
+    name, _, value = text.partition("=")
+    for number in (int, float):
+        with suppress(ValueError):
+            return name, number(value)
+    return name, value
 
 
 def _run(plan: Plan, scheduler: str | None, *, json: bool) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from uuid import uuid4
 
 from dbc.errors import InputError
 from models.degrade.draw import DrawKey
-from models.degrade.kinds import HAZY, module_of
+from models.degrade.kinds import module_of
 from node.dataset.depth import read_depth_map
 from node.dataset.sources import MESSAGES, SENSOR_TYPE, Source
 
@@ -37,8 +37,8 @@ class Job:
         The folder of the whole run, absolute.
     target:
         The degraded file, relative to ``output``, with ``/``.
-    horizon:
-        Share of the image's height above the horizon, for weather; None: as usual.
+    options:
+        What else the drawing takes, by name.
     depth:
         The image's depth map, for weather.
     """
@@ -49,7 +49,7 @@ class Job:
     seed: int
     output: Path
     target: str
-    horizon: float | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
     depth: Path | None = None
 
     @property
@@ -77,9 +77,8 @@ class Job:
         Where nothing happens to it (level 0) it comes back itself.
         """
         module = module_of(SENSOR_TYPE[self.source.form], self.kind)
-        drawn_with, applied_with = self._options(data)
         key = DrawKey(self.seed, sensor, sequence)
-        drawn = module.draw(self.kind, self.level, key, **drawn_with)
+        drawn = module.draw(self.kind, self.level, key, **self.options)
         label = {
             "file": self.target,
             "sensor": sensor,
@@ -89,16 +88,10 @@ class Job:
             "seed": self.seed,
             "drawn": asdict(drawn),
         }
-        return module.apply(drawn, data, **applied_with), label
-
-    def _options(self, data: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return what else the drawing and the applying of this kind take."""
-        if self.kind not in HAZY:
-            return {}, {}
-        drawn_with = {} if self.horizon is None else {"horizon": self.horizon}
         if self.depth is None:
-            return drawn_with, {}
-        return drawn_with, {"depth_m": read_depth_map(self.depth, data.shape[:2])}
+            return module.apply(drawn, data), label
+        depth_m = read_depth_map(self.depth, data.shape[:2])
+        return module.apply(drawn, data, depth_m=depth_m), label
 
 
 @dataclass(frozen=True, slots=True)

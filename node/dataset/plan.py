@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 from dbc.errors import InputError, SceneError
 from models.degrade.checks import check_within
-from models.degrade.kinds import HAZY, KINDS
+from models.degrade.draw import DrawKey
+from models.degrade.kinds import HAZY, KINDS, OPTIONS, module_of, options_of
 from node.dataset.depth import find_depth_map
 from node.dataset.job import STATE, Job
 from node.dataset.sources import SENSOR_TYPE, Source, find_sources
@@ -50,7 +52,7 @@ def make_plan(
     levels: Sequence[float],
     seed: int,
     *,
-    horizon: float | None = None,
+    options: Mapping[str, Any] | None = None,
     depth: Path | None = None,
 ) -> Plan:
     """List the jobs and check that nothing that is there already would be overwritten.
@@ -64,15 +66,15 @@ def make_plan(
         is more than one pair of kind and level, each pair has a folder ``<kind>_<level>`` in it.
     kinds, levels:
         Every kind at every level (%); no kinds: every kind of the sensors that the input has.
-    horizon:
-        For weather: share of the images' height above the horizon; None: as usual.
+    options:
+        What else the drawing of these kinds takes, by name: see ``models.degrade.kinds.OPTIONS``.
     depth:
         For weather: a folder with a depth map for each image, at the same place as the image.
 
     Raises
     ------
     SceneError
-        If a kind or a level is none, or no file of the input can have a kind.
+        If a kind, a level or an option is none, or no file of the input can have a kind.
     InputError
         If the input holds nothing to degrade, an image has no depth map, or the output cannot be
         used.
@@ -82,8 +84,8 @@ def make_plan(
     levels = list(dict.fromkeys(levels))
     for level in levels:
         check_within("--level", level, 0.0, 100.0, "%")
-    if horizon is not None:
-        check_within("--horizon", horizon, 0.0, 1.0, "of the image's height")
+    options = dict(sorted((options or {}).items()))
+    _check_options(wanted, options, seed)
     output = output.resolve()
     pairs = [(kind, level) for kind in wanted for level in levels]
     jobs = [
@@ -94,7 +96,7 @@ def make_plan(
             seed=seed,
             output=output,
             target=_target(file, kind, level, len(pairs) > 1),
-            horizon=horizon,
+            options=options_of(kind, options),
             depth=find_depth_map(depth.absolute(), file) if depth and kind in HAZY else None,
         )
         for kind, level in pairs
@@ -107,7 +109,7 @@ def make_plan(
         "kinds": wanted,
         "levels": levels,
         "seed": seed,
-        "horizon": horizon,
+        "options": options,
         "depth": str(depth.resolve()) if depth else None,
     }
     _check_places(source.resolve(), output, jobs)
@@ -142,6 +144,23 @@ def _check_kinds(sources: list[Source], kinds: list[str]) -> list[str]:
             there = " and ".join(sorted(types))
             raise SceneError("--kind", f"the input has no {kind!r}", f"{there}: {', '.join(known)}")
     return kinds or known
+
+
+def _check_options(kinds: list[str], options: dict[str, Any], seed: int) -> None:
+    """Draw each kind once with what it is given: its ``draw`` says what is wrong with a value."""
+    for name in options:
+        taking = OPTIONS.get(name, ())
+        if not taking:
+            raise SceneError(f"option {name!r}", "unknown", f"one of {', '.join(OPTIONS)}")
+        if not set(taking) & set(kinds):
+            raise SceneError(f"option {name!r}", "has no effect", f"it is of {', '.join(taking)}")
+    for sensor_type, kind in product(KINDS, kinds):
+        given = options_of(kind, options)
+        if given and kind in KINDS[sensor_type]:
+            try:
+                module_of(sensor_type, kind).draw(kind, 0.0, DrawKey(seed, "", 0), **given)
+            except TypeError:
+                raise SceneError(f"option of {kind}", f"{given}", "a value of its type") from None
 
 
 def _target(source: Source, kind: str, level: float, several: bool) -> str:

@@ -75,4 +75,4 @@ def test_a_depth_map_that_is_no_array_or_of_a_video_is_refused(small: Path, tmp_
         with pytest.raises(InputError, match=expected):
             run_all(make_plan(small / source, tmp_path / "out", ["snow"], [50], 1, depth=tmp_path))
     with pytest.raises(InputError, match="horizon"):
-        make_plan(small / "day", tmp_path / "out", ["fog"], [50], 1, horizon=2.0)
+        make_plan(small / "day", tmp_path / "out", ["fog"], [50], 1, options={"horizon": 2.0})

@@ -160,6 +160,9 @@ def test_a_burst_comes_back() -> None:
         ({**BURST, "horizon": 0.5}, "'horizon' is not of kind 'blur'"),
         ({**BURST, "kind": "fog", "horizon": 1.5}, "injections.0.horizon"),
         ({**BURST, "kind": "fog", "ghost_life": 5}, "'ghost_life' is not of kind 'fog'"),
+        ({**BURST, "snr_drop_db": 20}, "'snr_drop_db' is not of kind 'blur'"),
+        ({**BURST, "kind": "over", "method": "published"}, "'over' has no published method"),
+        ({**BURST, "kind": "noise", "std_max": 300}, "injections.0.std_max"),
     ],
 )
 def test_an_impossible_schedule_names_its_field(content: dict[str, object], expected: str) -> None:
