@@ -14,13 +14,12 @@ from drivers.ars408_layout import CAN_ID, ID_SHIFT, Kind, shortest_payload
 from drivers.can_frames import CanFrames, FrameFlag, concatenate
 from drivers.encode import encode_scan
 from drivers.scan import RadarScan
-from models.degrade import radar
-from models.degrade.draw import DrawKey
 from models.sensor import ARS408
 from node.gateway_frames import Outbox, TimedFrames
 from node.gateway_levels import GatewayLevels
 from node.gateway_scan import LONGEST_SCAN_NS, IncomingScan, Kinds
 from node.gateway_stream import STREAMED_KINDS, ScanStream
+from node.interference import states_of, with_interference_told
 from node.link_faults import FULL_LOAD_SPACING_NS, LinkFaults
 from node.scene import Sensor
 
@@ -77,7 +76,6 @@ class CanGateway:
         self.faults = LinkFaults(sensor.name, seed)
         self._sensor = sensor
         self._levels = levels
-        self._seed = seed
         self._low_latency = low_latency
         self._before: RadarScan | None = None
         self._kind_of_id = np.zeros(0x800, np.uint8)
@@ -94,6 +92,9 @@ class CanGateway:
 
     def feed(self, frames: CanFrames, now_ns: int) -> None:
         """Take in frames that have come."""
+        states = states_of(frames, self._sensor.sensor_id)
+        if len(states) and self._levels.injector.take_burst() is not None:
+            frames = with_interference_told(frames, states[:1].tolist())
         kinds = self._kind_of_id.take(frames.can_id, mode="clip")
         kinds[(frames.flags & _NOT_PLAIN != 0) | (frames.length < self._shortest[kinds])] = 0
         statuses = np.flatnonzero(kinds == _STATUS).tolist()
@@ -159,8 +160,10 @@ class CanGateway:
             return None
         if scan.announced > ARS408.max_clusters:
             return None
-        key = DrawKey(self._seed, self._sensor.name, scan.number)
-        drawn = [radar.draw(kind, level, key) for kind, level in levels.items()]
+        injector = self._levels.injector
+        drawn = [injector.draw(kind, level, scan.number) for kind, level in levels.items()]
+        if any(one.quality != "frozen" for one in drawn):
+            return None
         self.counts["degraded"] += 1
         return ScanStream(status, self._before, drawn)
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from dbc.errors import SceneError
 from drivers.frame import Frame
+from drivers.scan import RadarState
 from models.degrade.draw import DrawKey
 from models.degrade.kinds import KINDS, module_of
 from node.scene import Injection, Sensor
@@ -34,6 +35,8 @@ class Injector:
         self._options = {injection.kind: injection.options for injection in injections}
         self._seed = seed
         self._set: dict[str, float] = {}
+        self._burst: Any = None
+        """The jammer whose burst the radar has not told of yet."""
         self._lock = Lock()
 
     def set_level(self, kind: str, level: float | None) -> None:
@@ -63,6 +66,25 @@ class Injector:
             levels |= self._set
         return {kind: level for kind, level in levels.items() if level > 0}
 
+    def draw(self, kind: str, level: float, sequence: int) -> Any:
+        """Return the drawn parameters of a kind at a message, with the scene's options."""
+        key = DrawKey(self._seed, self._sensor.name, sequence)
+        options = self._options.get(kind, {})
+        return module_of(self._sensor.type, kind).draw(kind, level, key, **options)
+
+    def mark(self, state: RadarState) -> RadarState:
+        """Return the radar's state, with its interference bit if a burst came since the last."""
+        burst = self.take_burst()
+        if burst is None:
+            return state
+        marked: RadarState = module_of("radar", "interference").marked(burst, state)
+        return marked
+
+    def take_burst(self) -> Any:
+        """Return the jammer whose burst came since the last call; None where none did."""
+        burst, self._burst = self._burst, None
+        return burst
+
     def inject(self, message: Any, t_s: float) -> tuple[Any, dict[str, Any]]:
         """Degrade a Frame or a RadarScan.
 
@@ -72,13 +94,13 @@ class Injector:
         they were applied; none where nothing was.
         """
         levels = self.levels_at(t_s)
-        key = DrawKey(self._seed, self._sensor.name, message.sequence)
         data = message.image if isinstance(message, Frame) else message
         drawn = {}
         for kind, level in levels.items():
-            module = module_of(self._sensor.type, kind)
-            drawn[kind] = module.draw(kind, level, key, **self._options.get(kind, {}))
-            data = module.apply(drawn[kind], data)
+            drawn[kind] = self.draw(kind, level, message.sequence)
+            data = module_of(self._sensor.type, kind).apply(drawn[kind], data)
+        if getattr(drawn.get("interference"), "ghosts", 0):
+            self._burst = drawn["interference"]
         if drawn and isinstance(message, Frame):
             return replace(message, image=data), drawn
         return data if drawn else message, drawn

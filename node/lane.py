@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from dbc.errors import InputError, MurkError
 from drivers.frame import Frame
-from drivers.scan import MotionInput, RadarScan
+from drivers.scan import MotionInput, RadarScan, RadarState
 from models.estimate.level import NoiseLevel
 from node.bus.in_process import Bus
 from node.estimator import Estimator
@@ -119,6 +119,8 @@ class Lane:
                 continue
             if not isinstance(message, Frame | RadarScan):
                 topic = "motion_input" if isinstance(message, MotionInput) else "radar_state"
+                if isinstance(message, RadarState) and self.injector is not None:
+                    message = self.injector.mark(message)
                 self._publish(topic, message)
                 continue
             if isinstance(message, RadarScan) and message.mode == "object":
