@@ -25,7 +25,17 @@ CAMERA_KINDS = (
     "dead",
 )
 """Kinds that the camera's network tells apart; weather, dirt and motion are not among them."""
-RADAR_KINDS = ("clean", "snr", "ghosts", "missed", "jitter")
+RADAR_KINDS = (
+    "clean",
+    "snr",
+    "ghosts",
+    "missed",
+    "jitter",
+    "noise_jam",
+    "interference",
+    "blockage",
+)
+"""Kinds that the radar's network tells apart; images, deception and a bent bracket are not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,8 @@ another version is refused when it is loaded instead of answering nonsense:
 ``murk.kinds``
     The kinds in the order of the output ``kind``, separated by commas.
 
-Outputs of every network: ``level`` (1, 11) and ``kind`` (1, number of kinds), float32 logits.
+Outputs of every network: ``level`` (n, 11) and ``kind`` (n, number of kinds), float32 logits; n is
+1, or 2 for the radar (a window of scans and the newest of them).
 """
 
 from __future__ import annotations
@@ -83,12 +84,17 @@ class Network:
 
     def run(self, inputs: Mapping[str, NDArray[np.float32]]) -> Estimate:
         """Return the estimate for one frame or scan (leading dimension 1)."""
+        return self.run_each(inputs)[0]
+
+    def run_each(self, inputs: Mapping[str, NDArray[np.float32]]) -> list[Estimate]:
+        """Return the estimate for each of several (leading dimension)."""
         level, kind = self._session.run(_OUTPUTS, dict(inputs))
-        kind_probabilities = softmax(kind[0]).tolist()
-        return Estimate(
-            probabilities=softmax(level[0]),
-            kind_probabilities=dict(zip(self.kinds, kind_probabilities, strict=True)),
-        )
+        return [
+            Estimate(probabilities, dict(zip(self.kinds, kind_probabilities, strict=True)))
+            for probabilities, kind_probabilities in zip(
+                softmax(level), softmax(kind).tolist(), strict=True
+            )
+        ]
 
 
 def softmax(logits: NDArray[np.floating]) -> NDArray[np.float64]:

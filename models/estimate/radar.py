@@ -13,7 +13,13 @@ from dbc.errors import InputError
 from drivers.scan import RadarScan
 from models.estimate.level import LEVELS, Estimate
 from models.estimate.network import WEIGHTS, Network
-from models.estimate.radar_window import INPUTS, VERSION, ScanWindow
+from models.estimate.radar_window import INPUTS, RECENT, VERSION, ScanWindow
+
+LEAST_OVERLAP = 0.4
+"""Overlap of what a window and its newest scans say, below which they contradict each other.
+
+On simulated drives at a constant level it hardly ever comes to that (see ``docs/estimate.md``).
+"""
 
 
 class RadarNetwork(Protocol):
@@ -21,8 +27,8 @@ class RadarNetwork(Protocol):
 
     kinds: tuple[str, ...]
 
-    def run(self, inputs: Mapping[str, NDArray[np.float32]]) -> Estimate:
-        """Return the estimate for one window."""
+    def run_each(self, inputs: Mapping[str, NDArray[np.float32]]) -> list[Estimate]:
+        """Return the estimate for each of several windows."""
 
 
 class RadarEstimator:
@@ -45,7 +51,7 @@ class RadarEstimator:
                 network or WEIGHTS / "radar.onnx",
                 model="radar",
                 version=VERSION,
-                inputs={"window": (1, INPUTS)},
+                inputs={"window": (2, INPUTS)},
             )
         self._network = network
 
@@ -61,13 +67,19 @@ class RadarEstimator:
         """
         return self._estimate(ScanWindow(), scan)
 
-    def follow(self) -> Callable[[RadarScan], Estimate]:
+    def follow(self, recent: int = RECENT) -> Callable[[RadarScan], Estimate]:
         """Return a function that estimates successive scans of one sensor, for one thread.
 
         Each answer rests on the scan and those shortly before it; see ``ScanWindow``. The first
-        one is that of ``estimate``.
+        one is that of ``estimate``. Where the newest scans alone contradict the whole window, the
+        level has changed, and the window starts anew with them.
+
+        Parameters
+        ----------
+        recent:
+            Number of these newest scans; ``WINDOW``: the window never starts anew.
         """
-        window = ScanWindow()
+        window = ScanWindow(recent)
 
         def estimate(scan: RadarScan) -> Estimate:
             return self._estimate(window, scan)
@@ -83,7 +95,19 @@ class RadarEstimator:
                 probabilities=np.full(len(LEVELS), 1 / len(LEVELS)),
                 kind_probabilities=dict.fromkeys(kinds, 1 / len(kinds)),
             )
-        return self._network.run({"window": inputs[np.newaxis]})
+        whole, newest = self._network.run_each({"window": inputs})
+        if overlap(whole, newest) < LEAST_OVERLAP:
+            return self._network.run_each({"window": window.restart()})[0]
+        return whole
+
+
+def overlap(one: Estimate, other: Estimate) -> float:
+    """Return how far two distributions of the level agree: 1 if they are equal, 0 if disjoint.
+
+    Bhattacharyya, "On a measure of divergence between two statistical populations defined by their
+    probability distributions", 1943.
+    """
+    return float(np.sqrt(one.probabilities * other.probabilities).sum())
 
 
 def check_clusters(scan: RadarScan) -> None:

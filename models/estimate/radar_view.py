@@ -21,6 +21,7 @@ Flags = NDArray[np.bool_]
 
 _STATIONARY = np.isin(np.arange(256), (1, 3, 5))
 """By DynProp: stationary, stationary candidate, crossing stationary."""
+_STEP_2 = ARS408.grid[2].step ** 2
 _DIGITS = np.cumprod([1] + [field.count for field in ARS408.grid[:0:-1]])[::-1] / [
     field.step for field in ARS408.grid
 ]
@@ -103,7 +104,7 @@ def view(scan: RadarScan, sensor: RadarSensor = ARS408) -> ScanView:
     rows = rows.take(order, axis=1)
     distance = np.maximum(distance.take(order), sensor.range_min_m)
     azimuth = np.arctan2(rows[1], rows[0])
-    still = _STATIONARY[scan.dyn_prop[order]]
+    still = _STATIONARY.take(scan.dyn_prop.take(order))
     return ScanView(
         stamp_ns=scan.stamp_ns,
         position=rows[:2],
@@ -131,12 +132,14 @@ def _fit_motion(position: Floats, velocity: Floats, still: Flags) -> EgoMotion:
     terms = np.ones((2, 3, n))  # of vx and of vy: 1, lever of the turn, velocity
     terms[0, 1], terms[1, 1] = position[1], -position[0]
     terms[:, 2] = velocity
+    transposed = terms.transpose(0, 2, 1)
     ahead, left = np.sort(velocity, axis=1)[:, n // 2].tolist()
     turn = 0.0
     for _ in range(3):
-        residual = np.array([[[-ahead, -turn, 1.0]], [[-left, -turn, 1.0]]]) @ terms
-        weighted = terms / (ARS408.grid[2].step ** 2 + residual**2)
-        moments = (weighted @ terms.transpose(0, 2, 1)).tolist()
+        unlikely = np.array([[[-ahead, -turn, 1.0]], [[-left, -turn, 1.0]]]) @ terms
+        unlikely *= unlikely
+        unlikely += _STEP_2
+        moments = ((terms / unlikely) @ transposed).tolist()
         (lever_x, vx, spread_x, with_x), (lever_y, vy, spread_y, with_y) = map(_moments, moments)
         # 1 m² more of spread: no turn is read from clusters at one spot.
         turn = (with_x + with_y) / (spread_x + spread_y + 1.0)

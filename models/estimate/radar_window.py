@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +35,12 @@ _USUAL_STEP = 2
 _TYPICAL_GAP_S = 0.2
 _SHORTEST_GAP_S = 0.01
 
+RECENT = 3
+"""Newest scans that must not contradict the whole window, or it starts anew."""
+
+KEPT = 2
+"""Scans with which a contradicted window starts anew: the least that show a move."""
+
 INPUTS = FEATURES + PAIR_FEATURES + 3
 """Number of inputs of the network."""
 
@@ -48,51 +56,59 @@ class Evidence:
     ----------
     view:
         The scan.
-    features:
-        Of the scan alone, (FEATURES,).
-    pairs:
-        Of the scan before and this one, (PAIR_FEATURES,); zeros in the first of a window.
-    elapsed_s:
-        Since the scan before, s; 0 in the first of a window.
+    row:
+        Features of the scan alone, then of the scan before and this one (zeros in the first of a
+        window), (FEATURES + PAIR_FEATURES,).
     """
 
     view: ScanView
-    features: Floats
-    pairs: Floats
-    elapsed_s: float
+    row: Floats
 
 
 def evidence(scan: RadarScan, before: Evidence | None) -> Evidence:
     """Return what a scan of at least one cluster shows after another one, or as the first."""
     own = view(scan)
-    elapsed_s = (own.stamp_ns - before.view.stamp_ns) * 1e-9 if before else 0.0
     pairs = pair_features(before.view, own) if before else np.zeros(PAIR_FEATURES)
-    return Evidence(own, features(own), pairs, elapsed_s)
+    return Evidence(own, np.concatenate([features(own), pairs]))
 
 
-def inputs(window: list[Evidence] | deque[Evidence]) -> NDArray[np.float32]:
-    """Return the network's inputs from one scan or successive ones, (INPUTS,).
+def inputs(scans: Sequence[Evidence], *lengths: int) -> NDArray[np.float32]:
+    """Return the network's inputs from the last of successive scans, so many each time.
 
     Means over the window: one over its scans, one over its pairs of successive scans (square
     roots of the counts, whose noise is then alike), and how many scans of what spacing they are.
     The pairs before the window's first scan do not count.
+
+    Returns
+    -------
+    (len(lengths), INPUTS)
     """
-    scans = list(window)
-    later = scans[1:]
-    alone = _mean([each.features for each in scans])
-    if later:
-        pairs = np.sqrt(_mean([each.pairs for each in later]))
-        spacing_s = max(sum(each.elapsed_s for each in later) / len(later), _SHORTEST_GAP_S)
-        spacing = math.log(spacing_s / _TYPICAL_GAP_S)
-    else:
-        pairs, spacing = np.zeros(PAIR_FEATURES), 0.0
-    extent = [float(bool(later)), math.log(len(scans)), spacing]
-    return np.concatenate([alone, pairs, extent], dtype=np.float32)
+    of_scans, of_pairs = _weights(len(scans), lengths)
+    rows = np.array([each.row for each in scans])
+    result = np.empty((len(lengths), INPUTS), np.float32)
+    result[:, :FEATURES] = of_scans @ rows[:, :FEATURES]
+    result[:, FEATURES:FOLLOWS] = np.sqrt(of_pairs @ rows[:, FEATURES:])
+    for place, length in enumerate(lengths):
+        result[place, FOLLOWS:] = _extent(
+            scans[-1].view.stamp_ns - scans[-length].view.stamp_ns, length
+        )
+    return result
 
 
-def _mean(rows: list[Floats]) -> Floats:
-    """Return the mean of rows (at half of NumPy's time)."""
-    return np.asarray(np.add.reduce(rows) / len(rows))
+@cache
+def _weights(scans: int, lengths: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """Return weights that make means over the last scans, and over the pairs within them."""
+    before_last = np.arange(scans)[::-1]
+    length = np.array(lengths)[:, np.newaxis]
+    return (before_last < length) / length, (before_last < length - 1) / np.maximum(length - 1, 1)
+
+
+def _extent(elapsed_ns: int, length: int) -> tuple[float, float, float]:
+    """Return whether there is more than one scan, how many, and of what spacing they are."""
+    if length == 1:
+        return 0.0, 0.0, 0.0
+    spacing_s = max(elapsed_ns * 1e-9 / (length - 1), _SHORTEST_GAP_S)
+    return 1.0, math.log(length), math.log(spacing_s / _TYPICAL_GAP_S)
 
 
 class ScanWindow:
@@ -102,15 +118,26 @@ class ScanWindow:
     one before it, starts a new window; so does the first after a scan without clusters. Where the
     stamps do not run with the radar's own counter, how far things have moved between scans is not
     known, and every scan stands alone.
+
+    Parameters
+    ----------
+    recent:
+        Number of newest scans whose inputs are given beside the whole window's.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, recent: int = RECENT) -> None:
+        self._recent = recent
         self._scans: deque[Evidence] = deque(maxlen=WINDOW)
         self._counters: deque[int] = deque(maxlen=WINDOW)
         self._step = _USUAL_STEP
 
     def add(self, scan: RadarScan) -> NDArray[np.float32] | None:
-        """Take in the next scan; return the network's inputs, or None where it is empty."""
+        """Take in the next scan; return the network's inputs, or None where it is empty.
+
+        Returns
+        -------
+        (2, INPUTS): of the whole window, and of its ``recent`` newest scans.
+        """
         if not len(scan) or (self._scans and not self._goes_on(scan)):
             self._scans.clear()
             self._counters.clear()
@@ -118,7 +145,18 @@ class ScanWindow:
             return None
         self._scans.append(evidence(scan, self._scans[-1] if self._scans else None))
         self._counters.append(scan.meas_counter)
-        return inputs(self._scans)
+        return self._inputs()
+
+    def restart(self) -> NDArray[np.float32]:
+        """Forget all but the newest ``KEPT`` scans; return the network's inputs."""
+        while len(self._scans) > KEPT:
+            self._scans.popleft()
+            self._counters.popleft()
+        return self._inputs()
+
+    def _inputs(self) -> NDArray[np.float32]:
+        whole = len(self._scans)
+        return inputs(self._scans, whole, min(self._recent, whole))
 
     def _goes_on(self, scan: RadarScan) -> bool:
         """Tell whether a scan goes on with the window's."""

@@ -53,7 +53,7 @@ def expected_calibration_error(
     levels:
         (n,) the true ones, %.
     """
-    counts, confidence, right = _bins(probabilities, levels)
+    counts, confidence, right = reliability(probabilities, levels)
     return float(np.abs(confidence - right) @ counts / counts.sum())
 
 
@@ -61,9 +61,18 @@ def reliability_picture(
     title: str, probabilities: NDArray[np.float64], levels: NDArray[np.float64]
 ) -> Picture:
     """Return the plot of the share of right answers over the confidence; see above."""
+    return bins_picture(title, *reliability(probabilities, levels))
+
+
+def bins_picture(
+    title: str,
+    counts: NDArray[np.intp],
+    confidence: NDArray[np.float64],
+    right: NDArray[np.float64],
+) -> Picture:
+    """Return the same plot of the bins that ``reliability`` returns."""
 
     def draw(figure: Figure) -> None:
-        counts, confidence, right = _bins(probabilities, levels)
         axis = figure.subplots()
         axis.plot([0, 1], [0, 1], color="0.7", linestyle=":")
         axis.scatter(confidence, right, s=20 + 400 * counts / counts.sum())
@@ -78,7 +87,7 @@ def reliability_picture(
     return Picture(title, draw)
 
 
-def _bins(
+def reliability(
     probabilities: NDArray[np.float64], levels: NDArray[np.float64]
 ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
     """Return count, mean confidence and share of right answers of every bin that is not empty."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dbc.errors import InputError
 from drivers.scan import RadarScan
 from models.degrade.draw import DrawKey
-from models.degrade.radar import apply, draw
+from models.degrade.kinds import module_of
 from models.estimate.filter import LevelFilter, level_filter
 from models.estimate.level import LEVELS, RADAR_KINDS, Estimate
 from models.sensor import ARS408
@@ -22,6 +22,7 @@ from models.world.road import World
 Estimator = Callable[[RadarScan], Estimate]
 
 _COLUMNS = ("x", "y", "vx", "vy", "rcs")
+_NUMBERS = {kind: number for number, kind in enumerate(RADAR_KINDS)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +98,11 @@ def simulated_drive(seed: int, first: int, count: int, *, quality: bool = True) 
 
 def degraded(scan: RadarScan, kind: str, level: float, seed: int) -> RadarScan:
     """Return a scan degraded by the default degradation of that kind (10 dB at 100 %)."""
-    return apply(draw(kind, level, DrawKey(seed, scan.sensor, scan.sequence)), scan)
+    module = module_of("radar", kind)
+    result: RadarScan = module.apply(
+        module.draw(kind, level, DrawKey(seed, scan.sensor, scan.sequence)), scan
+    )
+    return result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,9 +114,9 @@ class Answers:
     drives:
         Index of the drive, (n,).
     kinds, levels:
-        The truth: index into ``RADAR_KINDS`` and level in %, (n,) each.
+        The truth: index into ``RADAR_KINDS`` (−1: of none of them) and level in %, (n,) each.
     probabilities, kind_probabilities:
-        The answers, (n, 11) and (n, 5).
+        The answers, (n, 11) and (n, kinds).
     """
 
     drives: NDArray[np.intp]
@@ -137,9 +142,10 @@ class Answers:
         return table
 
     def kind_confusion(self) -> NDArray[np.intp]:
-        """Return how often each true kind (rows) was taken for each kind, (5, 5)."""
+        """Return how often each true kind (rows) was taken for each kind, (kinds, kinds)."""
         table = np.zeros((len(RADAR_KINDS), len(RADAR_KINDS)), np.intp)
-        np.add.at(table, (self.kinds, self.kind_probabilities.argmax(1)), 1)
+        known = self.kinds >= 0
+        np.add.at(table, (self.kinds[known], self.kind_probabilities[known].argmax(1)), 1)
         return table
 
     def figures(self) -> dict[str, float]:
@@ -177,7 +183,7 @@ def gather(answers: Sequence[tuple[int, str, float, Estimate]]) -> Answers:
         drives=np.array(drives),
         kinds=np.array(
             [
-                RADAR_KINDS.index(kind if level else "clean")
+                _NUMBERS.get(kind if level else "clean", -1)
                 for kind, level in zip(kinds, levels, strict=True)
             ]
         ),
@@ -223,6 +229,7 @@ def measure_together(
     scans: int,
     draws: int,
     seed: int = 0,
+    kind: str = "snr",
 ) -> Answers:
     """Return what a window and its filter say after ``scans`` successive scans at one level.
 
@@ -242,11 +249,11 @@ def measure_together(
                 for level in LEVELS:
                     levels, estimate = make_filter() if make_filter else None, follow()
                     for scan in drive.scans[first : first + scans]:
-                        last = estimate(degraded(scan, "snr", level, seed + repeat))
+                        last = estimate(degraded(scan, kind, level, seed + repeat))
                         if levels:
                             filtered = levels.update(scan.stamp_ns, last.probabilities)
                             last = replace(last, probabilities=filtered)
-                    answers.append((index, "snr", float(level), last))
+                    answers.append((index, kind, float(level), last))
     return gather(answers)
 
 
@@ -256,9 +263,13 @@ def step_response(
     make_filter: Callable[[], LevelFilter],
     *,
     level: float,
+    before: float = 0.0,
     seed: int = 0,
 ) -> NDArray[np.float64]:
-    """Return the filtered level, %, of drives whose second half is degraded: (drives, scans)."""
+    """Return the filtered level, %, of drives: (drives, scans).
+
+    Their first half is degraded by ``snr`` to one level, their second half to another.
+    """
     rows = []
     for drive in drives:
         levels, estimate = make_filter(), follow()
@@ -268,7 +279,7 @@ def step_response(
                 levels.update(
                     scan.stamp_ns,
                     estimate(
-                        degraded(scan, "snr", level if index >= half else 0.0, seed)
+                        degraded(scan, "snr", level if index >= half else before, seed)
                     ).probabilities,
                 )
                 @ LEVELS

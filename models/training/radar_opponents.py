@@ -253,7 +253,7 @@ def _trees(scans: Scans) -> Estimator:
 
 
 def _perceptron(scans: Scans) -> Estimator:
-    own = np.array([inputs([evidence(scan, None)]) for scan in scans.scans])
+    own = np.array([inputs([evidence(scan, None)], 1)[0] for scan in scans.scans])
     kinds = np.where(scans.levels > 0, RADAR_KINDS.index("snr"), 0)
     origins = np.stack([scans.drives] * 2, axis=1)
     return RadarEstimator(fit_alone(Samples(own, scans.levels, kinds, origins), SEED)).estimate

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.scan import RadarScan
-from models.degrade.radar import KINDS
 from models.estimate.level import LEVELS, RADAR_KINDS
 from models.estimate.radar_view import ego_motion
 from models.estimate.radar_window import WINDOW, Evidence, evidence, inputs
@@ -99,7 +98,7 @@ class Amounts:
 def make_samples(drives: Sequence[Drive], amounts: Amounts, *, seed: int) -> Samples:
     """Return samples of every scan of every clean sequence, degraded in every way.
 
-    At all levels of ``snr``, once by each part of it alone, and with steps of ``snr``. A scan is
+    At all levels of ``snr``, once by each other kind, and with steps of ``snr``. A scan is
     one sample alone, and one with some of those before it if there are any.
     """
     rows, levels, kinds, origins = [], [], [], []
@@ -120,9 +119,8 @@ def _courses(n: int, rng: np.random.Generator) -> Iterator[tuple[str, list[float
     """Yield kinds with the level of each of n scans."""
     for level in LEVELS:
         yield "snr", [float(level)] * n
-    for kind in KINDS:
-        if kind != "snr":
-            yield kind, [float(rng.choice(LEVELS))] * n
+    for kind in RADAR_KINDS[2:]:
+        yield kind, [float(rng.choice(LEVELS))] * n
     for _ in range(_STEPS if n > 1 else 0):
         first = int(rng.integers(1, n))
         before, after = rng.choice(LEVELS, 2)
@@ -140,10 +138,10 @@ def _windows(
             yield []
             continue
         known.append(evidence(scan, known[-1] if known else None))
-        own = [inputs(known[-1:])]
+        own = [inputs(known[-1:], 1)[0]]
         longest = min(len(known), WINDOW)
         if longest > 1:
-            own.append(inputs(known[-int(rng.integers(2, longest, endpoint=True)) :]))
+            own.append(inputs(known[-longest:], int(rng.integers(2, longest, endpoint=True)))[0])
         yield own
 
 

@@ -126,7 +126,7 @@ def test_no_clusters_no_opinion(estimator: RadarEstimator) -> None:
     estimate = estimator.estimate(make_scan(0))
     assert_sane(estimate)
     np.testing.assert_allclose(estimate.probabilities, 1 / 11)
-    np.testing.assert_allclose(list(estimate.kind_probabilities.values()), 1 / 5)
+    np.testing.assert_allclose(list(estimate.kind_probabilities.values()), 1 / len(RADAR_KINDS))
 
 
 def test_one_cluster_hardly_any_opinion(estimator: RadarEstimator) -> None:

@@ -14,6 +14,7 @@ from drivers.scan import RadarScan
 from models.estimate.level import Estimate
 from models.estimate.radar import RadarEstimator
 from models.estimate.radar_adaptive import LONGEST_REST_S, AdaptiveRadar
+from models.estimate.radar_window import RECENT
 from models.evaluate.radar import simulated_drive
 
 
@@ -23,7 +24,7 @@ class Scripted(RadarEstimator):
     def __init__(self) -> None:
         self.level, self.sure = 40.0, True
 
-    def follow(self) -> Callable[[RadarScan], Estimate]:
+    def follow(self, recent: int = RECENT) -> Callable[[RadarScan], Estimate]:
         def estimate(scan: RadarScan) -> Estimate:
             probabilities = np.eye(11)[int(self.level / 10)] if self.sure else np.full(11, 1 / 11)
             return Estimate(probabilities, {"clean": 1.0})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -9,14 +10,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from drivers.scan import RadarScan
 from models.estimate.radar import RadarEstimator
 from models.estimate.radar_pairs import PAIR_FEATURES, carried, pair_features
 from models.estimate.radar_view import view
-from models.estimate.radar_window import INPUTS, MAX_GAP_S, WINDOW, ScanWindow, evidence, inputs
+from models.estimate.radar_window import (
+    FOLLOWS,
+    INPUTS,
+    MAX_GAP_S,
+    WINDOW,
+    ScanWindow,
+    evidence,
+    inputs,
+)
 from models.evaluate.radar import degraded, recorded_drives, simulated_drive
-from models.sensor import ARS408
 from models.world.radar import WorldRadar
 from models.world.road import World
 
@@ -57,6 +66,18 @@ def test_order_ids_quality_and_what_the_bus_cannot_carry_tell_a_window_nothing(
         answer = other(disguised(noisy, index))
         np.testing.assert_array_equal(answer.probabilities, expected.probabilities)
         assert answer.kind_probabilities == expected.kind_probabilities
+
+
+def test_threads_that_share_an_estimator_answer_as_one_does(
+    estimator: RadarEstimator, scans: tuple[RadarScan, ...]
+) -> None:
+    def answers(seed: int) -> NDArray[np.float64]:
+        follow = estimator.follow()
+        return np.array([follow(degraded(s, "snr", 50.0, seed)).probabilities for s in scans])
+
+    with ThreadPoolExecutor(4) as threads:
+        together = list(threads.map(answers, range(8)))
+    np.testing.assert_array_equal(together, [answers(seed) for seed in range(8)])
 
 
 def test_first_answer_is_that_of_the_scan_alone(
@@ -120,9 +141,10 @@ def test_recorded_scans_go_on(data: Path) -> None:
     """At 2 Hz, with the counter of a radar that went on measuring in between."""
     for drive in recorded_drives(data):
         window = ScanWindow()
-        window.add(drive.scans[0])
-        for scan in drive.scans[1:8]:
-            assert not np.array_equal(window.add(scan), ScanWindow().add(scan))
+        for number, scan in enumerate(drive.scans[:8]):
+            seen = window.add(scan)
+            assert seen is not None
+            assert np.exp(seen[0, FOLLOWS + 1]) == pytest.approx(number + 1)
 
 
 def counting(scan: RadarScan, number: int, step: int) -> RadarScan:
@@ -201,6 +223,6 @@ def test_jitter_alone_is_told_from_none_by_a_window_but_hardly_by_a_scan(
 def test_number_of_inputs(scans: tuple[RadarScan, ...]) -> None:
     first = evidence(scans[0], None)
     second = evidence(scans[1], first)
-    assert inputs([first]).shape == inputs([first, second]).shape == (INPUTS,)
-    np.testing.assert_array_equal(first.pairs, np.zeros(PAIR_FEATURES))
-    assert second.elapsed_s == pytest.approx(ARS408.cycle_s, abs=0.003)
+    assert inputs([first], 1).shape == (1, INPUTS)
+    assert inputs([first, second], 2, 1).shape == (2, INPUTS)
+    np.testing.assert_array_equal(first.row[-PAIR_FEATURES:], np.zeros(PAIR_FEATURES))

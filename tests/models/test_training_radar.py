@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from drivers.scan import RadarScan
+from models.estimate.level import LEVELS, RADAR_KINDS
 from models.estimate.radar import RadarEstimator
 from models.estimate.radar_features import FEATURES
 from models.estimate.radar_view import EgoMotion, ego_motion
 from models.estimate.radar_window import INPUTS, VERSION
 from models.evaluate.radar import simulated_drive
+from models.evaluate.radar_left_out import LeftOut
 from models.training.radar_scans import SIMULATED, Amounts, join, make_samples
 
 SMALL = Amounts(repeats=2, joined=6, worlds=1, sparse=5)
@@ -36,6 +38,19 @@ def test_quick_training_writes_a_network_that_loads_and_its_card(
     figures = summary["recorded_scan"]
     assert isinstance(figures, dict)
     assert f"| one recorded scan | {figures['count']:,} | {figures['accuracy']:.1%} |" in card
+    left_out = LeftOut.read(tmp_path / "radar.json")
+    for answers, name in (
+        (left_out.scan, "recorded_scan"),
+        (left_out.window, "recorded_seven_scans"),
+    ):
+        reached = summary[name]
+        assert isinstance(reached, dict)
+        assert answers.count == reached["count"] == np.sum(answers.confusion)
+        assert answers.accuracy == pytest.approx(reached["accuracy"], abs=1e-3)
+        assert answers.mean_error == pytest.approx(reached["mean_error"], abs=1e-3)
+        assert sum(answers.reliability[0]) == answers.count
+        assert set(answers.levels) == set(RADAR_KINDS[1:])
+        assert all(0.0 <= level <= 100.0 for row in answers.levels.values() for level in row)
 
 
 def test_onnx_equals_pytorch(tmp_path: Path) -> None:
@@ -47,9 +62,8 @@ def test_onnx_equals_pytorch(tmp_path: Path) -> None:
     alone, follows = (Perceptron(torch.zeros(n), torch.ones(n)) for n in (FEATURES, INPUTS))
     network = RadarNet(alone, follows).eval()
     path = tmp_path / "radar.onnx"
-    kinds = ("clean", "snr", "ghosts", "missed", "jitter")
-    example = {"window": torch.zeros(1, INPUTS)}
-    export(network, example, path, model="radar", version=VERSION, kinds=kinds)
+    example = {"window": torch.zeros(2, INPUTS)}
+    export(network, example, path, model="radar", version=VERSION, kinds=RADAR_KINDS)
     written, living = RadarEstimator(path).follow(), RadarEstimator(network).follow()
     for scan in simulated_drive(3, 5, 5).scans:
         np.testing.assert_allclose(
@@ -62,8 +76,10 @@ def test_samples_repeat_and_leave_a_drive_out_completely() -> None:
     samples = make_samples(drives, SMALL, seed=4)
     again = make_samples(drives, SMALL, seed=4)
     np.testing.assert_array_equal(samples.inputs, again.inputs)
-    single, recorded, simulated = (6 + 5) * 14, 2 * 3 * (2 + 1), (14 + 13) + (8 + 7)
-    assert len(samples.levels) == single + (recorded + simulated) * 16
+    courses, steps = len(LEVELS) + len(RADAR_KINDS) - 2, 2
+    single, recorded, simulated = (6 + 5) * courses, 2 * 3 * (2 + 1), (14 + 13) + (8 + 7)
+    assert len(samples.levels) == single + (recorded + simulated) * (courses + steps)
+    assert set(samples.kinds) == set(range(len(RADAR_KINDS)))
     assert np.bincount(samples.levels, minlength=11).min() >= 6
     rest = samples.without(1)
     assert 1 in samples.drives

@@ -1,0 +1,109 @@
+"""A window starts anew where its newest scans contradict it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+
+from drivers.scan import RadarScan
+from models.estimate.level import LEVELS, Estimate
+from models.estimate.radar import RadarEstimator, overlap
+from models.estimate.radar_window import FOLLOWS, KEPT, RECENT, WINDOW, ScanWindow
+from models.evaluate.radar import degraded, simulated_drive
+
+SEED = 2**31 + 3000  # of worlds that no training draws
+STEP = 16
+
+
+@pytest.fixture(scope="module")
+def scans() -> tuple[RadarScan, ...]:
+    return simulated_drive(SEED, 30, STEP + WINDOW).scans
+
+
+def certain(level: int) -> Estimate:
+    return Estimate(np.eye(len(LEVELS))[level], {"clean": 1.0})
+
+
+class Scripted:
+    """Answers 0 % to a window of more than ``KEPT`` scans, and another level to its newest."""
+
+    kinds: tuple[str, ...] = ("clean",)
+
+    def __init__(self, newest: int) -> None:
+        self.newest = newest
+
+    def run_each(self, inputs: Mapping[str, NDArray[np.float32]]) -> list[Estimate]:
+        scans = np.rint(np.exp(inputs["window"][:, FOLLOWS + 1])).astype(int)
+        whole = 0 if scans[0] > KEPT else self.newest
+        return [certain(whole), certain(self.newest if scans[0] > RECENT else whole)]
+
+
+def test_contradicted_window_answers_from_its_newest_scans(scans: tuple[RadarScan, ...]) -> None:
+    agreeing, contradicted = (RadarEstimator(Scripted(newest)).follow() for newest in (0, 7))
+    for scan in scans[: RECENT + 1]:
+        calm, answer = agreeing(scan), contradicted(scan)
+    assert calm.level == 0
+    assert answer.level == 70
+    for scan in scans[RECENT + 1 : RECENT + 2]:  # 3 scans are no more than the newest ones
+        assert contradicted(scan).level == 0
+
+
+def test_restart_forgets_all_but_the_newest_scans(scans: tuple[RadarScan, ...]) -> None:
+    window, fresh = ScanWindow(), ScanWindow()
+    for scan in scans[:6]:
+        window.add(scan)
+    restarted = window.restart()
+    for scan in scans[6 - KEPT : 6]:
+        expected = fresh.add(scan)
+    assert expected is not None
+    np.testing.assert_array_equal(restarted, expected)
+    after, expected = window.add(scans[6]), fresh.add(scans[6])
+    assert after is not None
+    assert expected is not None
+    np.testing.assert_array_equal(after, expected)
+
+
+@pytest.mark.parametrize(("before", "after"), [(0.0, 80.0), (80.0, 0.0), (20.0, 60.0)])
+def test_level_follows_a_step_within_a_few_scans(
+    scans: tuple[RadarScan, ...], before: float, after: float
+) -> None:
+    """Three scans after it the level is there; without a restart the window still mixes both."""
+    estimator = RadarEstimator()
+    follow, mixing = estimator.follow(), estimator.follow(WINDOW)
+    for number, scan in enumerate(scans[: STEP + 4]):
+        noisy = degraded(scan, "snr", before if number < STEP else after, seed=5)
+        answer, mixed = follow(noisy), mixing(noisy)
+    assert answer.level == pytest.approx(after, abs=12)
+    assert abs(mixed.level - after) > abs(answer.level - after) + 10
+
+
+@pytest.mark.parametrize("level", [0.0, 40.0, 100.0])
+def test_steady_level_is_answered_from_the_whole_window(
+    scans: tuple[RadarScan, ...], level: float
+) -> None:
+    estimator = RadarEstimator()
+    follow, never = estimator.follow(), estimator.follow(WINDOW)
+    for scan in scans:
+        noisy = degraded(scan, "snr", level, seed=6)
+        np.testing.assert_array_equal(follow(noisy).probabilities, never(noisy).probabilities)
+
+
+weights = arrays(np.float64, len(LEVELS), elements=st.floats(0.0, 1.0)).filter(np.any)
+
+
+@settings(max_examples=50)
+@given(one=weights, other=weights)
+def test_overlap_is_1_for_equal_distributions_and_less_for_others(
+    one: NDArray[np.float64], other: NDArray[np.float64]
+) -> None:
+    a, b = (Estimate(each / each.sum(), {"clean": 1.0}) for each in (one, other))
+    assert overlap(a, a) == pytest.approx(1.0)
+    assert overlap(a, b) == overlap(b, a)
+    assert -1e-12 <= overlap(a, b) <= 1.0 + 1e-12
+    assert overlap(certain(2), certain(3)) == 0.0
