@@ -6,6 +6,7 @@ Another radar is another instance of ``RadarSensor``, not new code.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -138,7 +139,12 @@ class RadarSensor:
 
     def range_std(self, range_m: ArrayLike) -> FloatArray:
         """Return the accuracy of the range, m, by range in m."""
-        return np.where(self.is_near(range_m), self.near_range_std_m, self.far_range_std_m)
+        return np.asarray(self._range_stds.take(self.is_near(range_m)))
+
+    @cached_property
+    def _range_stds(self) -> FloatArray:
+        """Far and near."""
+        return np.array([self.far_range_std_m, self.near_range_std_m])
 
     def azimuth_std(self, range_m: ArrayLike, azimuth_rad: ArrayLike) -> FloatArray:
         """Return the accuracy of the azimuth, rad, by range in m and azimuth in rad."""
@@ -175,15 +181,15 @@ class RadarSensor:
         reached = (distance >= self.range_min_m) & (distance <= self.range_max_m)
         return np.asarray(inside & reached)
 
-    def ghost_azimuth(self, range_m: ArrayLike) -> FloatArray:
-        """Return the half field of view in which ghosts appear, rad, by range in m."""
+    def ghost_azimuth(self, range_m: float) -> float:
+        """Return the half field of view in which ghosts appear, rad, at a range in m."""
         limits, widths = self._ghost_bands
-        return np.asarray(widths[limits.searchsorted(range_m, side="right")])
+        return widths[bisect_right(limits, range_m)]
 
     @cached_property
-    def _ghost_bands(self) -> tuple[FloatArray, FloatArray]:
-        limits = np.array([band.range_max_m for band in self.ghost_bands[:-1]])
-        return limits, np.radians([band.azimuth_deg for band in self.ghost_bands])
+    def _ghost_bands(self) -> tuple[list[float], list[float]]:
+        limits = [band.range_max_m for band in self.ghost_bands[:-1]]
+        return limits, [math.radians(band.azimuth_deg) for band in self.ghost_bands]
 
     @cached_property
     def _grid_by_count(self) -> dict[int, FloatArray]:

@@ -277,17 +277,14 @@ def jitter(clusters: Clusters, growth: float | FloatArray, deviates: FloatArray)
 def _add_ghosts(clusters: Clusters, ghosts: tuple[Ghost, ...]) -> None:
     sensor, real = clusters.sensor, len(clusters)
     reach = float(clusters.range.max()) + 10.0 - sensor.range_min_m
-    distances = [sensor.range_min_m + ghost.range_fraction * reach for ghost in ghosts]
-    widths = sensor.ghost_azimuth(distances).tolist()
     lenders = [int(ghost.source_fraction * real) for ghost in ghosts]
     places = [round(ghost.rcs_fraction * (real - 1)) for ghost in ghosts]
     speeds = clusters.rows[2:4].take(lenders, axis=1).T.tolist()
     loudness = np.sort(clusters.rows[4]).take(places).tolist()
     rows = []
-    for ghost, distance, width, (vx, vy), rcs in zip(
-        ghosts, distances, widths, speeds, loudness, strict=True
-    ):
-        azimuth = ghost.azimuth_fraction * width
+    for ghost, (vx, vy), rcs in zip(ghosts, speeds, loudness, strict=True):
+        distance = sensor.range_min_m + ghost.range_fraction * reach
+        azimuth = ghost.azimuth_fraction * sensor.ghost_azimuth(distance)
         x, y = math.cos(azimuth), math.sin(azimuth)
         radial = vx * x + vy * y
         rows.append((distance * x, distance * y, radial * x, radial * y, rcs))
