@@ -30,6 +30,7 @@ from models.sensor import ARS408, RadarSensor
 
 KINDS = ("noise_jam", "interference", "deception")
 
+_RADIANS = math.pi / 180
 _SECTOR_DB = 30.0
 SECTOR_STD_DEG = 10.0
 _HIT_SHARE = 0.5
@@ -156,16 +157,18 @@ def _burst(jammer: Jammer, clusters: Clusters, generator: np.random.Generator) -
     if not jammer.ghosts or not len(clusters):
         return
     sensor, real = clusters.sensor, len(clusters)
-    along, speed, loud, lend = generator.random((4, jammer.ghosts))
+    uniform = generator.random((4, jammer.ghosts))
+    loud, lender = (uniform[2:] * real).astype(np.intp)
     reach = float(clusters.range.max()) + 10.0 - sensor.range_min_m
-    distance = sensor.range_min_m + reach * along
-    width = math.radians(sensor.far_azimuth_std_deg) + sensor.azimuth_resolution(distance, 0.0) / 2
-    azimuth = math.radians(jammer.azimuth_deg) + width * generator.standard_normal(jammer.ghosts)
-    radial = BURST_SPEED * (2 * speed - 1)
+    distance = sensor.range_min_m + reach * uniform[0]
+    near, far = sensor.near_azimuth_resolution_deg[0], sensor.far_azimuth_resolution_deg
+    width = sensor.far_azimuth_std_deg + np.where(sensor.is_near(distance), near, far) / 2
+    aim = jammer.azimuth_deg + width * generator.standard_normal(jammer.ghosts)
+    azimuth = aim * _RADIANS
+    radial = BURST_SPEED * (2 * uniform[1] - 1)
     x, y = np.cos(azimuth), np.sin(azimuth)
-    rcs = np.sort(clusters.rows[4])[(loud * real).astype(np.intp)]
+    rcs = np.sort(clusters.rows[4])[loud]
     rows = np.array([distance * x, distance * y, radial * x, radial * y, rcs])
-    lender = (lend * real).astype(np.intp)
     clusters.add(rows, lender, np.full(jammer.ghosts, 12, np.uint8))
 
 
