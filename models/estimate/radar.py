@@ -15,7 +15,7 @@ from models.estimate.level import LEVELS, Estimate
 from models.estimate.network import WEIGHTS, Network
 from models.estimate.radar_window import INPUTS, RECENT, VERSION, ScanWindow
 
-LEAST_OVERLAP = 0.4
+LEAST_OVERLAP = 0.5
 """Overlap of what a window and its newest scans say, below which they contradict each other.
 
 On simulated drives at a constant level it hardly ever comes to that (see ``docs/estimate.md``).
@@ -71,8 +71,8 @@ class RadarEstimator:
         """Return a function that estimates successive scans of one sensor, for one thread.
 
         Each answer rests on the scan and those shortly before it; see ``ScanWindow``. The first
-        one is that of ``estimate``. Where the newest scans alone contradict the whole window, the
-        level has changed, and the window starts anew with them.
+        one is that of ``estimate``. Where the newest scans alone contradict the whole window twice
+        in a row, the level has changed, and the window starts anew with them.
 
         Parameters
         ----------
@@ -96,7 +96,7 @@ class RadarEstimator:
                 kind_probabilities=dict.fromkeys(kinds, 1 / len(kinds)),
             )
         whole, newest = self._network.run_each({"window": inputs})
-        if overlap(whole, newest) < LEAST_OVERLAP:
+        if window.contradicted(overlap(whole, newest) < LEAST_OVERLAP):
             return self._network.run_each({"window": window.restart()})[0]
         return whole
 

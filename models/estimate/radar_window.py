@@ -38,6 +38,9 @@ _SHORTEST_GAP_S = 0.01
 RECENT = 3
 """Newest scans that must not contradict the whole window, or it starts anew."""
 
+CONTRADICTIONS = 2
+"""How often in a row they may not: a single one can be chance."""
+
 KEPT = 2
 """Scans with which a contradicted window starts anew: the least that show a move."""
 
@@ -130,6 +133,7 @@ class ScanWindow:
         self._scans: deque[Evidence] = deque(maxlen=WINDOW)
         self._counters: deque[int] = deque(maxlen=WINDOW)
         self._step = _USUAL_STEP
+        self._contradictions = 0
 
     def add(self, scan: RadarScan) -> NDArray[np.float32] | None:
         """Take in the next scan; return the network's inputs, or None where it is empty.
@@ -141,14 +145,21 @@ class ScanWindow:
         if not len(scan) or (self._scans and not self._goes_on(scan)):
             self._scans.clear()
             self._counters.clear()
+            self._contradictions = 0
         if not len(scan):
             return None
         self._scans.append(evidence(scan, self._scans[-1] if self._scans else None))
         self._counters.append(scan.meas_counter)
         return self._inputs()
 
+    def contradicted(self, now: bool) -> bool:
+        """Take in whether the newest scans contradict the window; tell whether often enough."""
+        self._contradictions = self._contradictions + 1 if now else 0
+        return self._contradictions >= CONTRADICTIONS
+
     def restart(self) -> NDArray[np.float32]:
         """Forget all but the newest ``KEPT`` scans; return the network's inputs."""
+        self._contradictions = 0
         while len(self._scans) > KEPT:
             self._scans.popleft()
             self._counters.popleft()

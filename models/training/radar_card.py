@@ -70,7 +70,7 @@ _LIMITS = """
   can only be guessed, and moved echoes are not seen without another scan to compare. A vehicle at
   rest hides ghosts, which then have the right velocity.
 - After a step of the level a window mixes both levels until its newest scans contradict it and it
-  starts anew: two scans later, mostly.
+  starts anew: three or four scans later, mostly.
 - At 2 Hz few echoes come back while the vehicle moves, for they fluctuate: in a window it is the
   standing vehicle that is easy.
 - Ghosts alone look the same at every level but 0: their level is answered with a wide

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from drivers.scan import RadarScan
 from models.estimate.level import LEVELS, Estimate
 from models.estimate.radar import RadarEstimator, overlap
-from models.estimate.radar_window import FOLLOWS, KEPT, RECENT, WINDOW, ScanWindow
+from models.estimate.radar_window import CONTRADICTIONS, FOLLOWS, KEPT, RECENT, WINDOW, ScanWindow
 from models.evaluate.radar import degraded, simulated_drive
 
 SEED = 2**31 + 3000  # of worlds that no training draws
@@ -46,12 +46,12 @@ class Scripted:
 
 def test_contradicted_window_answers_from_its_newest_scans(scans: tuple[RadarScan, ...]) -> None:
     agreeing, contradicted = (RadarEstimator(Scripted(newest)).follow() for newest in (0, 7))
-    for scan in scans[: RECENT + 1]:
-        calm, answer = agreeing(scan), contradicted(scan)
-    assert calm.level == 0
-    assert answer.level == 70
-    for scan in scans[RECENT + 1 : RECENT + 2]:  # 3 scans are no more than the newest ones
-        assert contradicted(scan).level == 0
+    levels = [(agreeing(scan).level, contradicted(scan).level) for scan in scans[: RECENT + 4]]
+    first = RECENT + CONTRADICTIONS - 1
+    assert {calm for calm, _ in levels} == {0.0}
+    assert [level for _, level in levels[KEPT:first]] == [0.0] * (first - KEPT)
+    assert levels[first][1] == 70.0
+    assert levels[first + 1][1] == 0.0  # three scans are no more than the newest ones
 
 
 def test_restart_forgets_all_but_the_newest_scans(scans: tuple[RadarScan, ...]) -> None:
@@ -73,10 +73,10 @@ def test_restart_forgets_all_but_the_newest_scans(scans: tuple[RadarScan, ...]) 
 def test_level_follows_a_step_within_a_few_scans(
     scans: tuple[RadarScan, ...], before: float, after: float
 ) -> None:
-    """Three scans after it the level is there; without a restart the window still mixes both."""
+    """Four scans after it the level is there; without a restart the window still mixes both."""
     estimator = RadarEstimator()
     follow, mixing = estimator.follow(), estimator.follow(WINDOW)
-    for number, scan in enumerate(scans[: STEP + 4]):
+    for number, scan in enumerate(scans[: STEP + 5]):
         noisy = degraded(scan, "snr", before if number < STEP else after, seed=5)
         answer, mixed = follow(noisy), mixing(noisy)
     assert answer.level == pytest.approx(after, abs=12)
