@@ -85,12 +85,8 @@ def draw(
 
     Parameters
     ----------
-    kind:
-        One of ``KINDS``.
-    level:
-        0 to 100 %; 0 is the identity.
-    key:
-        What the draw depends on.
+    kind, level, key:
+        As for every kind: see ``models.degrade.kinds``.
     method:
         ``"fast"``; ``"exact"``, the reference that the fast one approximates; ``"published"``,
         for blur and noise only: what the code published with the paper does, that is σ =

@@ -2,7 +2,11 @@
 
 The names stand here so that a scene is checked without loading OpenCV; the module of a kind is
 imported when the kind is first needed. Each module has ``draw(kind, level, key)`` and
-``apply(drawn, data)``, where data is an image or a ``RadarScan``.
+``apply(drawn, data)``, where data is an image or a ``RadarScan``:
+
+- ``kind`` is one of the module's ``KINDS``;
+- ``level`` is 0 to 100 %; 0 is the identity;
+- ``key``, a ``DrawKey``, is what the draw depends on, and nothing else.
 """
 
 from __future__ import annotations

@@ -108,12 +108,8 @@ def draw(
 
     Parameters
     ----------
-    kind:
-        One of ``KINDS``.
-    level:
-        0 to 100 %; 0 is the identity.
-    key:
-        What the draw depends on.
+    kind, level, key:
+        As for every kind: see ``models.degrade.kinds``.
     snr_drop_db:
         Loss of signal-to-noise ratio at 100 %, dB, 0 to 300.
     quality:

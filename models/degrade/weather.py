@@ -77,12 +77,8 @@ def draw(kind: str, level: float, key: DrawKey, *, horizon: float = HORIZON) -> 
 
     Parameters
     ----------
-    kind:
-        One of ``KINDS``.
-    level:
-        0 to 100 %; 0 is the identity.
-    key:
-        What the draw depends on.
+    kind, level, key:
+        As for every kind: see ``models.degrade.kinds``.
     horizon:
         Share of the image's height above the horizon, 0 to 1: how the camera is mounted.
 
