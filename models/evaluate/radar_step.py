@@ -14,12 +14,11 @@ from drivers.scan import RadarScan
 from models.estimate.radar import RadarEstimator
 from models.estimate.radar_window import RECENT, WINDOW
 from models.evaluate import radar
-from models.evaluate.report import Picture, Point, Result, Table
+from models.evaluate.report import Picture, Result, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-UNIT = "points of level, radar's restart"
 STEPS = ((0.0, 60.0), (60.0, 0.0))
 NEWEST = (2, RECENT, 4, 6, WINDOW)
 _SECOND = 14
@@ -34,7 +33,8 @@ def step_results(estimator: RadarEstimator, drives: Sequence[radar.Drive]) -> It
     drives:
         Of four seconds at least; the step is in the middle.
     """
-    shown = {}
+    half = len(drives[0].scans) // 2
+    shown, rows = {}, []
     for newest in NEWEST:
         tracks = {
             step: radar.step_response(
@@ -46,18 +46,14 @@ def step_results(estimator: RadarEstimator, drives: Sequence[radar.Drive]) -> It
             )
             for step in STEPS
         }
-        run_time_us = float(np.median(_run_times_us(estimator, drives[0].scans, newest)))
-        half = len(drives[0].scans) // 2
-        rest, second = _errors(tracks, slice(_SECOND, half)), slice(half, half + _SECOND)
-        for name, error in (
-            ("at rest", rest),
-            ("in the second after a step", _errors(tracks, second)),
-        ):
-            knob = "never restarted" if newest == WINDOW else f"newest={newest}"
-            shipped = newest == RECENT and name != "at rest"
-            yield Point(f"radar's window, {name}", knob, run_time_us, error, UNIT, shipped=shipped)
+        rest, second = (
+            _errors(tracks, slice(*scans)) for scans in ((_SECOND, half), (half, half + _SECOND))
+        )
+        rows.append(("never starts anew" if newest == WINDOW else str(newest), rest, second))
         if newest in (RECENT, WINDOW):
             shown[newest] = tracks
+    columns = ("newest scans", "error at rest, points", "in the second after a step of 60 points")
+    yield Table("Radar: newest scans that may contradict a window", columns, tuple(rows))
     yield _picture(shown)
     yield _run_times(estimator, drives[0].scans)
 
@@ -108,17 +104,15 @@ def _run_times(estimator: RadarEstimator, scans: Sequence[RadarScan]) -> Table:
         ("steady", scans),
         (f"0 and 100 % in turn, {_ALTERNATING_SCANS} scans each", restless),
     ):
-        times = _run_times_us(estimator, own, RECENT)
+        times = _run_times_us(estimator, own)
         rows.append((name, *(float(np.quantile(times, share)) for share in (0.5, 0.9, 0.99))))
     columns = ("level", "median, µs", "of the slowest tenth", "of the slowest hundredth")
     return Table("Radar: run time of one more scan", columns, tuple(rows))
 
 
-def _run_times_us(
-    estimator: RadarEstimator, scans: Sequence[RadarScan], newest: int
-) -> NDArray[np.float64]:
+def _run_times_us(estimator: RadarEstimator, scans: Sequence[RadarScan]) -> NDArray[np.float64]:
     """Return the time of every scan once the window is full, µs."""
-    follow = estimator.follow(newest)
+    follow = estimator.follow()
     times = []
     for scan in scans:
         start = perf_counter()
