@@ -16,9 +16,10 @@ Of the kinds that can be injected, the network tells those in the columns of the
 apart. What the level means depends on the kind, as the tables of estimated by true level show: that
 of `snr` and of `jitter` is the injected one where there are scans to compare; ghosts look the same
 at every level, and clusters that are missed can have been missing before; `noise_jam`,
-`interference` and `blockage` read low but rise with the true level. Deception looks like a ghost,
-images (`multipath`) like other targets, and a bent bracket (`misalignment`) moves everything
-together: these three are not seen.
+`interference` and `blockage` rise with the true level, but not in proportion. Deception is taken
+for ghosts; images (`multipath`) look like other targets, and a bent bracket (`misalignment`) moves
+everything together: these two are answered as level 0. A radar's own word on interference (0x201)
+is not read, for the estimate rests on clusters alone.
 
 Radar, tried and left out, for it did not help or cost more than it gave (judged on recorded drives
 left out, and on simulated ones):
