@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
 from statistics import NormalDist
 
 import cv2
@@ -61,13 +59,6 @@ def test_the_result_depends_on_nothing_but_parameters_and_input(kind):
     assert camera.draw(kind, 60, KEY) == degradation
     view = np.pad(image, ((5, 5), (5, 5), (0, 0)))[5:-5, 5:-5]
     np.testing.assert_array_equal(camera.apply(degradation, view), results[0])
-
-
-@pytest.mark.parametrize("kind", camera.KINDS)
-def test_parameters_are_plain_data(kind):
-    degradation = camera.draw(kind, 60, KEY)
-    record = json.loads(json.dumps(asdict(degradation)))
-    assert type(degradation)(**record) == degradation
 
 
 @pytest.mark.parametrize("level", [float("nan"), float("inf"), -1e-9, -1, 100.1, 1000, 1e6])

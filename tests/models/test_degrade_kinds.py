@@ -44,6 +44,20 @@ def test_the_list_of_kinds_is_that_of_the_modules(sensor):
     assert set(kinds) == {kind for module in modules for kind in module.KINDS}
 
 
+@pytest.mark.parametrize("kind", KINDS["camera"])
+def test_level_0_is_the_identity_and_the_input_stays(kind):
+    image = message("camera")
+    before = image.copy()
+    module = module_of("camera", kind)
+    assert module.apply(module.draw(kind, 0, DrawKey(1, "camera", 3)), image) is image
+    for level in (1e-9, 50, 100):
+        drawn = module.draw(kind, level, DrawKey(1, "camera", 3))
+        first, second = module.apply(drawn, image), module.apply(drawn, image)
+        assert (first.dtype, first.shape) == (np.uint8, image.shape)
+        np.testing.assert_array_equal(first, second)
+    np.testing.assert_array_equal(image, before)
+
+
 @pytest.mark.parametrize(("sensor", "kind"), EVERY)
 def test_the_same_bytes_on_one_and_on_eight_threads_forwards_and_shuffled(sensor, kind):
     forwards = [degrade(sensor, kind, sequence) for sequence in range(8)]
