@@ -12,7 +12,7 @@ from models.estimate.image_features import FEATURES, image_features
 from models.estimate.level import Estimate
 from models.estimate.network import WEIGHTS, Network
 
-VERSION = 3
+VERSION = 4
 """Version of the features; raised whenever ``image_features`` changes what it returns."""
 
 

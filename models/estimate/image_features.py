@@ -9,17 +9,23 @@ bands of a few full rows spread over the height, so that the cost does not grow 
 - Histograms of differences at several distances: noise against structure.
 - The power spectrum along rows and along columns: a Gaussian blur multiplies it by
   exp(−σ²ω²), noise and rounding lay a floor under it.
-- A coarse map of brightness and of detail: fog lies on the horizon, drops and dirt on a part.
+- A coarse map of brightness, of detail, of the darkest and the brightest, and of colour: fog takes
+  contrast and colour off what is far, dirt off a part.
+- Thin bright things against thin dark ones, along rows and down columns: rain and snow fall before
+  the scene, are brighter than it and never darker; dead pixels stand alone.
+- Differences along both diagonals: a motion smears one of them more.
 """
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
+from cv2.typing import MatLike
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dbc.errors import InputError
+from models.estimate.image_places import FLOOR, LOG_DETAIL, means, places
 from models.estimate.level import LEVELS
 
 _ROWS = 8
@@ -27,10 +33,13 @@ _PIXELS = 80_000
 _LINE_PIXELS = 16_000
 _SEGMENT = 64
 _BUSY_SHARES = (0.25, 0.1, 0.03)
-_MAP = (12, 6)
-_FLOOR = 0.01  # well under the 1/12 count² of rounding to 8 bit
 _SQUARE = np.ones((3, 3), np.uint8)
 _DIFFERENCE_EDGES = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
+_THIN_COUNTS = (1, 3, 6, 12, 24, 48, 96, 180)
+_STREAK_ROWS = 4
+_EVERY_PLACE = 4
+_LEAST_SHARE = 1e-5
+_DIAGONAL_STEPS = (2, 4)
 
 
 def _fourier() -> NDArray[np.float32]:
@@ -78,7 +87,8 @@ def image_features(image: NDArray[np.uint8], effort: float = 1.0) -> NDArray[np.
 
     Returns
     -------
-    (n,) float32, finite; n does not depend on the size.
+    (n,) float32, finite; n does not depend on the size. The first are what is in each place, of
+    shape ``image_places.PLACES``.
 
     Raises
     ------
@@ -90,13 +100,17 @@ def image_features(image: NDArray[np.uint8], effort: float = 1.0) -> NDArray[np.
             "image", f"{image.dtype} of shape {image.shape}", "expected uint8 (height, width, 3)"
         )
     image = _at_least_one_segment(image)
-    planes = np.ascontiguousarray(np.moveaxis(_bands(image, effort), 2, 0))
+    planes = _bands(image, effort)
+    in_places = places(planes)
     parts = [
+        np.ravel(in_places),
+        np.sort(in_places[LOG_DETAIL]),
         _histograms(planes),
         _comb(planes),
         _differences(planes[1]),
         _spectra(image[..., 1], effort),
-        _maps(planes[1]),
+        _thin(planes[1]),
+        _diagonals(planes[1]),
     ]
     return np.concatenate(parts, dtype=np.float32)
 
@@ -112,10 +126,15 @@ def _at_least_one_segment(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _bands(image: NDArray[np.uint8], effort: float) -> NDArray[np.uint8]:
+    """Return the bands one below the other, each channel for itself: (3, rows, width)."""
     height, width = image.shape[:2]
     count = min(height // _ROWS, max(1, round(effort * _PIXELS / (_ROWS * width))))
     tops = ((np.arange(count) + 0.5) * height / count - _ROWS / 2).astype(int)
-    return np.concatenate([image[top : top + _ROWS] for top in tops])
+    planes = np.empty((3, count * _ROWS, width), np.uint8)
+    for band, top in enumerate(tops):
+        here = planes[:, band * _ROWS : (band + 1) * _ROWS]
+        cv2.mixChannels([image[top : top + _ROWS]], list(here), [0, 0, 1, 1, 2, 2])
+    return planes
 
 
 def _count(plane: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -164,18 +183,47 @@ def _differences(green: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.asarray(np.sqrt(np.concatenate(parts)), np.float32)
 
 
-def _maps(green: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return brightness and log detail of 6 × 12 places, and the detail in rising order."""
-    columns, rows = _MAP
-    detail = np.asarray(cv2.absdiff(green[:, 1:], green[:, :-1]), np.uint8)
-    brightness, roughness = (
-        np.ravel(
-            cv2.resize(plane.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA)
-        )
-        for plane in (green, detail)
-    )
-    log_detail = np.log(roughness + _FLOOR)
-    return np.concatenate([brightness / 255, log_detail, np.sort(log_detail)], dtype=np.float32)
+def _thin(green: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return how much is brighter, and how much darker, than its row around it.
+
+    Log shares of pixels, against 5 pixels around them, against 17, and against 5 in each of four
+    rows one below the other, as a streak is. Of the last two also how bright against dark goes by
+    place, in rising order: rain and snow fall everywhere.
+    """
+    shares, by_place = [], []
+    for way in (cv2.MORPH_TOPHAT, cv2.MORPH_BLACKHAT):
+        narrow = cv2.morphologyEx(green, way, np.ones((1, 5), np.uint8))
+        wide = cv2.morphologyEx(green[::2], way, np.ones((1, 17), np.uint8))
+        slanted = cv2.dilate(narrow, np.ones((1, 3), np.uint8))
+        streaks = np.asarray(slanted).reshape(-1, _STREAK_ROWS, slanted.shape[1]).min(axis=1)
+        shares += [_log_shares(plane) for plane in (narrow[::2], wide, streaks)]
+        by_place.append([np.log(means(plane) + FLOOR) for plane in (wide, streaks)])
+    bright, dark = np.array(by_place)
+    rising = np.sort(np.concatenate([bright, bright - dark]), axis=1)[:, ::_EVERY_PLACE]
+    return np.concatenate([*shares, np.ravel(rising)])
+
+
+def _log_shares(plane: MatLike) -> NDArray[np.float32]:
+    """Return log10 of the shares of values above each of ``_THIN_COUNTS``.
+
+    Not by a histogram, which is slow where nearly all values are the same.
+    """
+    above = [
+        cv2.countNonZero(cv2.threshold(plane, count, 1, cv2.THRESH_BINARY)[1])
+        for count in _THIN_COUNTS
+    ]
+    return np.log10(np.array(above) / plane.size + _LEAST_SHARE).astype(np.float32)
+
+
+def _diagonals(green: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return log mean differences along one diagonal and along the other."""
+    differences = []
+    for step in _DIAGONAL_STEPS:
+        upper, lower = green[:-step], green[step:]
+        falling, rising = (upper[:, :-step], lower[:, step:]), (upper[:, step:], lower[:, :-step])
+        for one, other in (falling, rising):
+            differences.append(cv2.norm(one, other, cv2.NORM_L1) / one.size)
+    return np.asarray(np.log(np.array(differences, np.float32) + FLOOR), np.float32)
 
 
 def _spectra(green: NDArray[np.uint8], effort: float) -> NDArray[np.float32]:
@@ -198,12 +246,12 @@ def _spectrum(lines: NDArray[np.uint8]) -> NDArray[np.float32]:
     waves = (windows.astype(np.float32) @ _FOURIER).reshape(-1, _SEGMENT)
     np.square(waves, out=waves)
     power = waves[:, ::2] + waves[:, 1::2]
-    log_power = np.log(power + _FLOOR)
+    log_power = np.log(power + FLOOR)
     busiest_last = np.argsort(power[:, 1:10].sum(axis=1))
     log_power = log_power[busiest_last]
     busy = [max(1, round(share * len(power))) for share in _BUSY_SHARES]
     return np.concatenate(
-        [np.log(power.mean(axis=0) + _FLOOR), log_power.mean(axis=0)]
+        [np.log(power.mean(axis=0) + FLOOR), log_power.mean(axis=0)]
         + [log_power[-count:].mean(axis=0) for count in busy]
     )
 

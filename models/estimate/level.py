@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 LEVELS = np.arange(0.0, 101.0, 10.0)
 """The eleven noise levels, %, shape (11,)."""
 
+OUTER_KINDS = ("fog", "rain", "snow", "dirt", "motion")
+"""Kinds that come about outside the camera: weather, dirt on the lens, motion."""
 CAMERA_KINDS = (
     "clean",
     "blur",
@@ -23,8 +25,9 @@ CAMERA_KINDS = (
     "salt_pepper",
     "jpeg",
     "dead",
+    *OUTER_KINDS,
 )
-"""Kinds that the camera's network tells apart; weather, dirt and motion are not among them."""
+"""Kinds that the camera's network tells apart; drops and a tunnel's mouth are not among them."""
 RADAR_KINDS = (
     "clean",
     "snr",

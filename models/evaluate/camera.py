@@ -157,6 +157,12 @@ class Answers:
         np.add.at(table, (truth, self.probabilities.argmax(axis=1)), 1)
         return table
 
+    def kind_confusion(self) -> NDArray[np.intp]:
+        """Return how often each true kind (rows) was taken for each, (kinds, kinds)."""
+        table = np.zeros((len(CAMERA_KINDS), len(CAMERA_KINDS)), np.intp)
+        np.add.at(table, (self.kinds, self.kind_probabilities.argmax(axis=1)), 1)
+        return table
+
     def table(self) -> dict[str, dict[str, float]]:
         """Return, over all and by true kind: count, accuracies, and mean error in points."""
         groups = {"all": np.ones(len(self.kinds), bool)}

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.degrade.draw import DrawKey
+from models.degrade.kinds import KINDS, module_of
 from models.estimate.camera import CameraEstimator
 from models.estimate.level import CAMERA_KINDS, LEVELS
 from models.evaluate.camera import (
@@ -27,6 +29,8 @@ from models.world.road import World
 FURTHER_KINDS = tuple(kind for kind in CAMERA_KINDS[1:] if kind not in MAIN_KINDS)
 
 _COLUMNS = ("frames", "level right, %", "mean error, points", "mean std, points", "kind right, %")
+_UNTOLD_LEVELS = (30.0, 60.0, 100.0)
+_TUNNEL_FRAMES = 100  # from one mouth of an injected tunnel to the next
 _SIZES = ((640, 360), (960, 540), (1280, 720), (1600, 900), (1920, 1080))
 _WORLD_SEEDS = range(2**31 + 200, 2**31 + 204)
 _WORLD_FRAMES = (0, 100)
@@ -52,12 +56,58 @@ def groups_table(answers: Answers, frames: Sequence[CleanFrame]) -> Table:
     )
 
 
-def beyond_table(estimator: CameraEstimator, frames: Sequence[CleanFrame]) -> Table:
-    """Return accuracy and error of combined and further kinds, and after compression."""
-    rows = [
-        _row(kind, measure(estimator.estimate, frames, draws=1, kinds=(kind,)))
+def further_answers(estimator: CameraEstimator, frames: Sequence[CleanFrame]) -> dict[str, Answers]:
+    """Return what is answered to combinations of kinds and to the further kinds, by kind."""
+    return {
+        kind: measure(estimator.estimate, frames, draws=1, kinds=(kind,))
         for kind in (*COMBINED, *FURTHER_KINDS)
+    }
+
+
+def kinds_table(answers: Answers, further: Mapping[str, Answers]) -> Table:
+    """Return for which kind each kind was taken, % of its frames."""
+    counts = answers.kind_confusion()
+    for kind in FURTHER_KINDS:
+        counts += further[kind].kind_confusion()
+    rows = [
+        (kind, *(100 * row / row.sum()).tolist())
+        for kind, row in zip(CAMERA_KINDS, counts, strict=True)
+        if row.any()
     ]
+    title = "Camera: for which kind each kind was taken, %"
+    return Table(title, ("true kind", *CAMERA_KINDS), tuple(rows))
+
+
+def untold_table(estimator: CameraEstimator, frames: Sequence[CleanFrame]) -> Table:
+    """Return what is said of kinds that can be injected and that the network does not tell."""
+    rows: list[Row] = []
+    for kind in sorted(set(KINDS["camera"]) - set(CAMERA_KINDS)):
+        for level in _UNTOLD_LEVELS:
+            estimates = [
+                estimator.estimate(_inject(kind, level, frame, number))
+                for number, frame in enumerate(frames)
+            ]
+            said = Counter(estimate.kind for estimate in estimates).most_common(2)
+            shares = ", ".join(f"{name} {100 * n / len(frames):.0f} %" for name, n in said)
+            mean = float(np.mean([estimate.level for estimate in estimates]))
+            rows.append((kind, level, len(frames), mean, shares))
+    columns = ("kind", "level, %", "frames", "mean level said, %", "kinds said most")
+    return Table("Camera: kinds that it does not tell", columns, tuple(rows))
+
+
+def _inject(kind: str, level: float, frame: CleanFrame, number: int) -> Image:
+    """Return a frame degraded; of a tunnel, at the mouth into the light and the dark in turn."""
+    module = module_of("camera", kind)
+    key = DrawKey(0, frame.name, _TUNNEL_FRAMES * number)
+    image: Image = module.apply(module.draw(kind, level, key), frame.read())
+    return image
+
+
+def beyond_table(
+    estimator: CameraEstimator, frames: Sequence[CleanFrame], further: Mapping[str, Answers]
+) -> Table:
+    """Return accuracy and error of combined and further kinds, and after compression."""
+    rows = [_row(kind, answers) for kind, answers in further.items()]
     compressions: dict[str, Callable[[Image], Image]] = {
         "main kinds, then JPEG 90": partial(jpeg, quality=90),
         "main kinds, then JPEG 75": partial(jpeg, quality=75),

@@ -34,8 +34,11 @@ from models.evaluate.camera_effort import effort_table
 from models.evaluate.camera_tables import (
     beyond_table,
     extremes_table,
+    further_answers,
     groups_table,
+    kinds_table,
     sizes_table,
+    untold_table,
 )
 from models.evaluate.codecs import Image
 from models.evaluate.opponents import CAMERA_PAPER_ACCURACY, opponent_points, read_opponents
@@ -75,7 +78,11 @@ def run(quick: bool) -> Iterator[Result]:
         yield from _accuracy(answers, few if quick else frames)
         yield from _rivals(estimator, answers, run_time_us, few if quick else frames[::2], rounds)
         yield _opponents(answers)
-        yield beyond_table(estimator, few[::3] if quick else frames[::2])
+        half = few[::3] if quick else frames[::2]
+        further = further_answers(estimator, half)
+        yield beyond_table(estimator, half, further)
+        yield kinds_table(answers, further)
+        yield untold_table(estimator, few[::3] if quick else few)
         yield restoration_table(estimator, few if quick else frames[::4])
         yield from _in_time(estimator, data, 8 if quick else 1)
 

@@ -40,7 +40,7 @@ Report = Callable[[dict[str, object]], None]
 
 _PEAK_RATE = 3e-3
 
-_PASSES = 11
+_PASSES = 18
 _EPOCHS = 40
 _WORLDS = 20
 _FRAMES_A_WORLD = 6

@@ -28,10 +28,12 @@ the kind ({kinds}).
 
 Clean frames, varied (crop, shrinking, gamma, sharpening, sensor noise up to 2.5 counts, JPEG of
 quality 75 or more, H.264), then degraded by `models.degrade`: {main:.0%} by blur, over, under or
-noise (blur: fast and exact method in equal shares), {combined:.0%} by two kinds at once, the rest
-by the further kinds; {compressed:.0%} are compressed afterwards. Three percent of the clean frames
-are replaced by black, white or a bare wall, which hold no evidence. After the training
-the odds of a clean frame were raised twentyfold: in a drive most frames are clean.
+noise (a quarter by their exact method), {combined:.0%} by two kinds at once, {outer:.0%} by
+weather, dirt or motion, the rest by the further kinds; {compressed:.0%} are compressed afterwards.
+Four percent of the clean frames are replaced by black, white or a bare wall, which hold no
+evidence, half of them with a sensor's noise laid over the degradation; they are seldom clean. After
+the training the odds of a clean frame were raised 150-fold, for in a drive most frames are clean,
+and those of weather, dirt and motion lowered twentyfold, for a scene may be hazy or soft by itself.
 {terms}
 | source | licence | frames |
 |---|---|---|
@@ -58,8 +60,9 @@ _LIMITS = """
 - Over-exposure of a noisy or sharpened picture is seen by its brightness only, and is the least
   certain; where pixels are locally constant, the gaps in the histogram betray the gain.
 - A picture that was resized after it was degraded is not what it was trained on.
-- Weather, dirt and drops on the lens are not among its kinds: it takes them for a clean scene.
-  Motion is not either: it takes it for blur.
+- Drops on the lens are not among its kinds: it takes them for a clean scene. Dirt is seen where it
+  covers much of the lens; rain and snow that no light falls on, at night, are not seen.
+- A tunnel's mouth is not a kind: in one frame it is over- or under-exposure.
 - Naturally degraded frames (drops on the lens, motion blur) have no true level; none was used.
 """
 
@@ -99,6 +102,7 @@ def write_card(
         seed=seed,
         main=recipe.main,
         combined=recipe.combined,
+        outer=recipe.outer,
         compressed=recipe.compressed,
         terms=terms,
     )

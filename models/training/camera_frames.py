@@ -1,7 +1,9 @@
 """Training samples of the camera's network: varied clean frames, degraded as the product does.
 
-Most of them by one of the main kinds, the rest by two kinds at once or by one of the further
-kinds. Some are compressed afterwards, as a camera's stream is.
+Most of them by one of the main kinds, the rest by two kinds at once, by one of those that come
+about outside the camera, or by one of the further kinds. Some are compressed afterwards, as a
+camera's stream is; of these more are clean than of the rest, lest compression be taken for
+degradation.
 """
 
 from __future__ import annotations
@@ -20,16 +22,20 @@ from numpy.typing import NDArray
 from models.degrade.camera import Method
 from models.degrade.draw import DrawKey
 from models.estimate.image_features import image_features
-from models.estimate.level import CAMERA_KINDS, LEVELS
+from models.estimate.level import CAMERA_KINDS, LEVELS, OUTER_KINDS
 from models.evaluate.camera import COMBINED, MAIN_KINDS, degrade
 from models.evaluate.codecs import Image
-from models.training.camera_vary import compress, vary, without_evidence
+from models.training.camera_vary import compress, sense, vary, without_evidence
 
-FURTHER_KINDS = tuple(kind for kind in CAMERA_KINDS[1:] if kind not in MAIN_KINDS)
+FURTHER_KINDS = tuple(kind for kind in CAMERA_KINDS[1:] if kind not in (*MAIN_KINDS, *OUTER_KINDS))
 
 DEGRADED_PER_FRAME = 10
 _SHARE_OF_LEVELS_BETWEEN = 0.15
-_SHARE_WITHOUT_EVIDENCE = 0.03
+_SHARE_WITHOUT_EVIDENCE = 0.04
+_LEVELS_OF_NOTHING = np.array([0.0, *np.repeat(LEVELS[1:], 40)])
+"""Seldom clean: the odds of a clean frame are raised later, and say nothing where nothing shows."""
+_SHARE_EXACT = 0.25
+_SHARE_CLEAN_OF_COMPRESSED = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,18 +44,19 @@ class Recipe:
 
     Attributes
     ----------
-    main, combined:
-        Degraded by a main kind, and by two kinds at once.
+    main, combined, outer:
+        Degraded by a main kind, by two kinds at once, and by a kind of ``OUTER_KINDS``.
     compressed:
         Compressed after they were degraded, whatever the kind.
     """
 
-    main: float = 0.75
-    combined: float = 0.06
-    compressed: float = 0.05
+    main: float = 0.58
+    combined: float = 0.08
+    outer: float = 0.22
+    compressed: float = 0.12
 
 
-MAIN_ONLY = Recipe(main=1.0, combined=0.0, compressed=0.0)
+MAIN_ONLY = Recipe(main=1.0, combined=0.0, outer=0.0, compressed=0.0)
 """What networks are trained on that shall know nothing but the main kinds."""
 
 
@@ -133,31 +140,49 @@ def _make_pass(
     features, levels, kinds = [], [], []
     for frame in frames:
         rng = DrawKey(seed, frame.name, turn).generator("variation")
-        if rng.random() < _SHARE_WITHOUT_EVIDENCE:
+        shows_nothing = rng.random() < _SHARE_WITHOUT_EVIDENCE
+        if shows_nothing:
             clean = without_evidence(rng)
         else:
             clean = vary(frame.read(), frame.read_repaired(), rng)
         for _ in range(DEGRADED_PER_FRAME):
-            kind, level, image = _degrade(clean, recipe, rng)
+            compressed = rng.random() < recipe.compressed
+            if compressed and not shows_nothing and rng.random() < _SHARE_CLEAN_OF_COMPRESSED:
+                kind, level, image = "clean", 0.0, clean
+            else:
+                among = _LEVELS_OF_NOTHING if shows_nothing else LEVELS
+                kind, level, image = _degrade(clean, among, recipe, rng)
+            if shows_nothing and rng.random() < 0.5:
+                image = sense(image, rng)
+            if compressed:
+                image = compress(image, rng)
             features.append(describe(image))
             levels.append(level)
             kinds.append(CAMERA_KINDS.index(kind))
     return Samples(np.array(features), np.array(levels, np.float32), np.array(kinds))
 
 
-def _degrade(clean: Image, recipe: Recipe, rng: np.random.Generator) -> tuple[str, float, Image]:
-    share = rng.random()
-    kinds: Sequence[str] = FURTHER_KINDS
-    if share < recipe.main:
-        kinds = MAIN_KINDS
-    elif share < recipe.main + recipe.combined:
-        kinds = COMBINED
+def _degrade(
+    clean: Image, levels: NDArray[np.float64], recipe: Recipe, rng: np.random.Generator
+) -> tuple[str, float, Image]:
+    kinds = _draw_kinds(recipe, rng.random())
     kind = kinds[int(rng.integers(len(kinds)))]
     between = rng.random() < _SHARE_OF_LEVELS_BETWEEN
-    level = rng.uniform(0, 100) if between else float(rng.choice(LEVELS))
+    level = rng.uniform(0, 100) if between else float(rng.choice(levels))
     key = DrawKey(int(rng.integers(2**31)), "training", 0)
-    method: Method = "exact" if rng.random() < 0.5 else "fast"
+    method: Method = "exact" if rng.random() < _SHARE_EXACT else "fast"
     true_kind, image = degrade(kind, level, key, clean, method)
-    if rng.random() < recipe.compressed:
-        image = compress(image, rng)
     return true_kind, level, image
+
+
+def _draw_kinds(recipe: Recipe, share: float) -> Sequence[str]:
+    """Return the group of kinds that a uniform number below 1 falls on."""
+    for part, kinds in (
+        (recipe.main, MAIN_KINDS),
+        (recipe.combined, COMBINED),
+        (recipe.outer, OUTER_KINDS),
+    ):
+        if share < part:
+            return kinds
+        share -= part
+    return FURTHER_KINDS

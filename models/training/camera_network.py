@@ -7,13 +7,15 @@ probability score), because the levels are ordered: 50 % for 40 % is better than
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import prod
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dbc.errors import MissingExtra
-from models.estimate.level import CAMERA_KINDS, LEVELS
+from models.estimate.image_places import PLACES
+from models.estimate.level import CAMERA_KINDS, LEVELS, OUTER_KINDS
 from models.training.camera_frames import Samples
 
 try:
@@ -24,18 +26,25 @@ except ImportError:
 if TYPE_CHECKING:
     from torch import Tensor
 
-HIDDEN = 192
+HIDDEN = 156
+_SEEN = 16
 _BATCH = 256
 _WEIGHT_DECAY = 2e-2
 _RANKED_WEIGHT = 2.0
 _CLEAN = CAMERA_KINDS.index("clean")
 _CLEAN_WEIGHT = 3.0  # most frames of a drive are clean: a false alarm is the costliest error
-_CLEAN_LOG_ODDS = 3.0  # 20 times as often in a drive as among the samples
+_CLEAN_LOG_ODDS = 5.0  # 150 times as often in a drive as among the samples
+_OUTER = [CAMERA_KINDS.index(kind) for kind in OUTER_KINDS]
+_OUTER_LOG_ODDS = -3.0  # a hazy or soft scene is no degradation: what it is must be sure
 _STANDARD_DEVIATIONS = 5.0
 
 
 class Perceptron(torch.nn.Module):
     """Two hidden layers on standardised features; the level's logits divided by a temperature.
+
+    Before them, two small layers look at every place of the frame in the same way: at it and its
+    neighbours, and at how it differs from the whole. What they see on average and at most goes to
+    the others with the features.
 
     It answers jointly in kind and level, so that what it holds of the level goes by the kind that
     it takes the degradation for; level and kind come from summing over the other.
@@ -51,15 +60,34 @@ class Perceptron(torch.nn.Module):
     mean: Tensor
     std: Tensor
     temperature: Tensor
+    middle: Tensor
+    spread: Tensor
+    height: Tensor
 
     def __init__(self, mean: Tensor, std: Tensor, hidden: int = HIDDEN) -> None:
         super().__init__()
         self.register_buffer("mean", mean)
         self.register_buffer("std", std)
         self.register_buffer("temperature", torch.ones(()))
+        measures, rows, _ = PLACES
+        mean_of_places, variance = (
+            of[: prod(PLACES)].reshape(measures, -1) for of in (mean, std.square())
+        )
+        middle = mean_of_places.mean(dim=1)
+        spread = (variance.mean(dim=1) + mean_of_places.var(dim=1)).sqrt()
+        self.register_buffer("middle", middle.reshape(1, -1, 1, 1))
+        self.register_buffer("spread", spread.reshape(1, -1, 1, 1))
+        height = torch.linspace(-1, 1, rows).reshape(1, 1, -1, 1)
+        self.register_buffer("height", height, persistent=False)
+        self.look = torch.nn.Sequential(
+            torch.nn.Conv2d(2 * measures + 1, _SEEN, kernel_size=3, padding=1),
+            torch.nn.SiLU(),
+            torch.nn.Conv2d(_SEEN, _SEEN, kernel_size=1),
+            torch.nn.SiLU(),
+        )
         self.layers = torch.nn.Sequential(
             torch.nn.Dropout(0.1),
-            torch.nn.Linear(len(mean), hidden),
+            torch.nn.Linear(len(mean) + 2 * _SEEN, hidden),
             torch.nn.SiLU(),
             torch.nn.Dropout(0.2),
             torch.nn.Linear(hidden, hidden),
@@ -72,7 +100,17 @@ class Perceptron(torch.nn.Module):
         """Return logits of kind and level together, (batch, kinds, 11)."""
         limit = _STANDARD_DEVIATIONS
         standard = ((features - self.mean) / self.std).clamp(-limit, limit)
-        return self.layers(standard).reshape(-1, len(CAMERA_KINDS), len(LEVELS))
+        inputs = torch.cat([standard, self._seen(features)], dim=1)
+        return self.layers(inputs).reshape(-1, len(CAMERA_KINDS), len(LEVELS))
+
+    def _seen(self, features: Tensor) -> Tensor:
+        """Return the mean and the most of what is seen over all places, (batch, 2 × seen)."""
+        places = features[:, : prod(PLACES)].reshape(-1, *PLACES)
+        places = (places - self.middle) / self.spread
+        whole = places.mean(dim=(2, 3), keepdim=True)
+        heights = self.height.expand(len(features), 1, *PLACES[1:])
+        seen = self.look(torch.cat([places, places - whole, heights], dim=1))
+        return torch.cat([seen.mean(dim=(2, 3)), seen.amax(dim=(2, 3))], dim=1)
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """Return logits of level (batch, 11) and of kind (batch, kinds)."""
@@ -81,10 +119,12 @@ class Perceptron(torch.nn.Module):
 
 
 def favour_clean(network: Perceptron) -> None:
-    """Raise the odds of a clean frame from those of the samples to those of a drive."""
+    """Turn the odds of the kinds from those of the samples to those of a drive."""
     *_, bias = network.parameters()
     with torch.no_grad():
-        bias[_CLEAN * len(LEVELS)] += _CLEAN_LOG_ODDS
+        by_kind = bias.view(len(CAMERA_KINDS), len(LEVELS))
+        by_kind[_CLEAN, 0] += _CLEAN_LOG_ODDS
+        by_kind[_OUTER] += _OUTER_LOG_ODDS
 
 
 def fit(

@@ -74,20 +74,28 @@ def _sensor_noise(image: Image, rng: np.random.Generator) -> Image:
 
 
 def without_evidence(rng: np.random.Generator) -> Image:
-    """Return a frame that shows nothing: black, white or a wall, even or shaded, often noisy."""
-    colour = rng.choice([np.zeros(3), np.full(3, 255), rng.integers(0, 256, 3)])
+    """Return a frame that shows nothing: black, white or a wall, even or shaded."""
+    grey, colour = np.full(3, rng.integers(0, 256)), rng.integers(0, 256, 3)
+    colour = rng.choice([np.zeros(3), np.full(3, 255), grey, colour])
     height, width = int(rng.integers(1, 720)), int(rng.integers(1, 1280))
     wall = np.full((height, width, 3), colour, np.float32)
     if rng.random() < 0.5:
         light = np.linspace(1, rng.uniform(0.5, 1.5), width, dtype=np.float32)
         wall *= light[np.newaxis, :, np.newaxis]
-    if rng.random() < 0.5:
-        wall += rng.standard_normal(wall.shape, np.float32) * np.float32(rng.uniform(0.3, 2.5))
     return np.clip(np.rint(wall), 0, 255).astype(np.uint8)
+
+
+def sense(image: Image, rng: np.random.Generator) -> Image:
+    """Return a frame with a sensor's own noise, each channel's its own or the same in all."""
+    channels = int(rng.choice([1, 3]))
+    noise = rng.standard_normal((*image.shape[:2], channels), np.float32)
+    return np.clip(np.rint(image + noise * np.float32(rng.uniform(0.3, 2.5))), 0, 255).astype(
+        np.uint8
+    )
 
 
 def compress(image: Image, rng: np.random.Generator) -> Image:
     """Return a degraded frame after the compression that carries it to murk: JPEG or H.264."""
     if rng.random() < 0.5:
-        return jpeg(image, int(rng.integers(80, 97)))
-    return h264(image, int(rng.integers(16, 27)))
+        return jpeg(image, int(rng.integers(70, 97)))
+    return h264(image, int(rng.integers(16, 29)))

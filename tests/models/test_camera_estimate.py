@@ -16,7 +16,7 @@ from models.degrade.camera import KINDS, apply, draw
 from models.degrade.draw import DrawKey
 from models.estimate.camera import CameraEstimator
 from models.estimate.level import CAMERA_KINDS, Estimate
-from models.evaluate.camera import clean_frames, measure
+from models.evaluate.camera import clean_frames, degrade, measure
 from models.evaluate.camera_tables import extremes
 
 CLIPS = ("day_highway_960x540_25fps", "day_city_1242x374_10fps", "night_1920x1080_30fps")
@@ -56,7 +56,7 @@ def test_any_small_image_has_a_sound_estimate(
     assert_sound(estimator.estimate(image))
 
 
-@pytest.mark.parametrize("name", ["black", "white"])
+@pytest.mark.parametrize("name", ["black", "white", "white wall"])
 def test_it_is_uncertain_where_the_scene_shows_nothing(
     estimator: CameraEstimator, name: str
 ) -> None:
@@ -137,6 +137,24 @@ def test_noise_on_clips_is_seen_as_it_is(estimator: CameraEstimator, data: Path,
         estimate = estimator.estimate(apply(noise, image))
         assert estimate.kind == "noise"
         assert estimate.level == pytest.approx(60, abs=8)
+
+
+@pytest.mark.parametrize("clip", CLIPS[:2])
+@pytest.mark.parametrize("kind", ["fog", "snow", "motion"])
+def test_weather_and_motion_by_day_are_told(
+    estimator: CameraEstimator, data: Path, clip: str, kind: str
+) -> None:
+    images = clip_frames(data, clip)[:4]
+    said = {
+        level: [
+            estimator.estimate(degrade(kind, level, DrawKey(0, clip, sequence), image)[1])
+            for sequence, image in enumerate(images)
+        ]
+        for level in (20.0, 60.0, 100.0)
+    }
+    assert {estimate.kind for estimate in said[60.0]} == {kind}
+    means = [np.mean([estimate.level for estimate in estimates]) for estimates in said.values()]
+    assert means == sorted(means)
 
 
 def test_a_stronger_degradation_is_rated_higher(estimator: CameraEstimator, data: Path) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from math import prod
 from pathlib import Path
 
 import cv2
@@ -14,10 +15,14 @@ import torch
 from dbc.errors import InputError
 from models.estimate.camera import CameraEstimator
 from models.estimate.image_features import FEATURES, image_features
+from models.estimate.image_places import PLACES
+from models.estimate.level import CAMERA_KINDS, OUTER_KINDS
 from models.evaluate.camera import clean_frames
 from models.evaluate.codecs import h264
+from models.training import camera_frames
 from models.training.camera import Perceptron, train
 from models.training.camera_frames import DEGRADED_PER_FRAME, make_samples
+from models.training.camera_network import favour_clean
 from models.training.camera_simulated import simulated_frames
 from models.training.camera_vary import vary
 from models.training.export import export
@@ -95,3 +100,41 @@ def test_h264_keeps_the_picture_and_its_size() -> None:
     assert np.abs(coded.astype(int) - image[:180, :320]).mean() < 12
     assert np.array_equal(coded, h264(image, 23))
     assert np.isfinite(image_features(coded)).all()
+
+
+def test_a_place_is_read_alone() -> None:
+    image = np.full((900, 1600, 3), 90, np.uint8)
+    image[:150, 133:266] = (20, 60, 200)
+    places = image_features(image)[: prod(PLACES)].reshape(PLACES)
+    brightness, detail, darkest, brightest, colour = places
+    assert brightness[0, 1] == pytest.approx(60 / 255)
+    assert darkest[0, 1] == pytest.approx(20 / 255)
+    assert brightest[0, 1] == pytest.approx(200 / 255)
+    assert colour[0, 1] == pytest.approx(np.log(181), rel=1e-3)
+    elsewhere = np.ones(PLACES[1:], bool)
+    elsewhere[0, 1] = False
+    assert np.allclose(brightness[elsewhere], 90 / 255)
+    assert np.all(colour[elsewhere] == 0)
+    assert np.all(detail[1:] == detail[1, 5])
+
+
+def test_frames_without_evidence_are_seldom_clean(
+    camera_drives: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(camera_frames, "_SHARE_WITHOUT_EVIDENCE", 1.0)
+    samples = make_samples(clean_frames(camera_drives, "train") * 4, passes=1, seed=0)
+    assert np.mean(samples.levels == 0) < 0.06
+
+
+def test_odds_of_a_drive_favour_clean_and_doubt_the_weather() -> None:
+    torch.manual_seed(0)
+    network = Perceptron(torch.zeros(FEATURES), torch.ones(FEATURES)).eval()
+    features = torch.randn(4, FEATURES)
+    with torch.no_grad():
+        before = network.joint(features)
+        favour_clean(network)
+        change = network.joint(features) - before
+    assert torch.all(change[:, 0, 0] > 2.9)
+    for kind in OUTER_KINDS:
+        assert torch.all(change[:, CAMERA_KINDS.index(kind)] < -2.9)
+    assert torch.all(change[:, CAMERA_KINDS.index("blur")].abs() < 1e-5)

@@ -15,9 +15,9 @@ from models.evaluate.answer_plots import (
     expected_calibration_error,
     reliability_picture,
 )
-from models.evaluate.camera import COMBINED, degrade
+from models.evaluate.camera import COMBINED, Answers, degrade
 from models.evaluate.camera_clip import scheduled
-from models.evaluate.camera_tables import extremes
+from models.evaluate.camera_tables import FURTHER_KINDS, extremes, kinds_table
 from models.evaluate.codecs import h264, jpeg
 from models.evaluate.restore import denoise, hint, psnr, ssim
 
@@ -101,6 +101,30 @@ def test_only_noise_asks_for_denoising() -> None:
     probabilities = (LEVELS == 40) * 1.0
     assert hint(Estimate(probabilities, {"clean": 0.1, "noise": 0.9})) == 40
     assert hint(Estimate(probabilities, {"clean": 0.1, "blur": 0.9})) == 0
+
+
+def answers(kinds: list[str], said: list[str]) -> Answers:
+    """Return answers to frames of some kinds that were taken for other kinds."""
+    count = len(kinds)
+    return Answers(
+        kinds=np.array([CAMERA_KINDS.index(kind) for kind in kinds]),
+        levels=np.full(count, 50.0),
+        frames=np.arange(count),
+        probabilities=np.eye(11)[[5] * count],
+        kind_probabilities=np.eye(len(CAMERA_KINDS))[[CAMERA_KINDS.index(kind) for kind in said]],
+    )
+
+
+def test_kinds_are_counted_by_what_they_were_taken_for() -> None:
+    main = answers(["clean", "clean", "blur", "blur"], ["clean", "fog", "blur", "blur"])
+    further = {kind: answers([kind], [kind]) for kind in FURTHER_KINDS}
+    further["fog"] = answers(["fog"], ["clean"])
+    table = kinds_table(main, further)
+    rows = {row[0]: dict(zip(table.columns[1:], row[1:], strict=True)) for row in table.rows}
+    assert rows["clean"]["clean"] == rows["clean"]["fog"] == 50
+    assert rows["blur"]["blur"] == 100
+    assert rows["fog"]["clean"] == 100
+    assert "over" not in rows
 
 
 def test_extremes_are_images() -> None:
