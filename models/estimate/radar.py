@@ -65,7 +65,7 @@ class RadarEstimator:
         InputError
             If the scan is in object mode.
         """
-        return self._estimate(ScanWindow(), scan)
+        return self.estimate_next(ScanWindow(), scan)
 
     def follow(self, recent: int = RECENT) -> Callable[[RadarScan], Estimate]:
         """Return a function that estimates successive scans of one sensor, for one thread.
@@ -82,11 +82,12 @@ class RadarEstimator:
         window = ScanWindow(recent)
 
         def estimate(scan: RadarScan) -> Estimate:
-            return self._estimate(window, scan)
+            return self.estimate_next(window, scan)
 
         return estimate
 
-    def _estimate(self, window: ScanWindow, scan: RadarScan) -> Estimate:
+    def estimate_next(self, window: ScanWindow, scan: RadarScan) -> Estimate:
+        """Return what a window says once the next scan is in it; see ``follow``."""
         check_clusters(scan)
         inputs = window.add(scan)
         if inputs is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from drivers.scan import RadarScan
 from models.estimate.level import Estimate
 from models.estimate.radar import RadarEstimator
+from models.estimate.radar_window import ScanWindow
 
 SURE = 0.9
 """Least probability of the most probable level and its neighbours of a certain estimate."""
@@ -20,11 +21,12 @@ class AdaptiveRadar:
     """Estimates successive scans of one radar, for one thread.
 
     After two certain estimates of the same level, every second scan is left out, as long as the
-    number of clusters stays the same.
+    number of clusters stays the same and the newest scans do not contradict those before them.
     """
 
     def __init__(self, radar: RadarEstimator) -> None:
-        self._follow = radar.follow()
+        self._radar = radar
+        self._window = ScanWindow()
         self._steady = False
         self._rested = False
         self._sure_of: int | None = None
@@ -46,10 +48,11 @@ class AdaptiveRadar:
         self._rested = calm and not self._rested and scan.mode == "cluster"
         if self._rested:
             return None
-        estimate = self._follow(scan)
+        estimate = self._radar.estimate_next(self._window, scan)
         level = sure_level(estimate)
         self._steady = (
             alike
+            and not self._window.in_doubt
             and level is not None
             and self._sure_of is not None
             and abs(level - self._sure_of) <= STEADY_LEVELS

@@ -152,6 +152,11 @@ class ScanWindow:
         self._counters.append(scan.meas_counter)
         return self._inputs()
 
+    @property
+    def in_doubt(self) -> bool:
+        """Whether the newest scans contradicted the window last time."""
+        return self._contradictions > 0
+
     def contradicted(self, now: bool) -> bool:
         """Take in whether the newest scans contradict the window; tell whether often enough."""
         self._contradictions = self._contradictions + 1 if now else 0

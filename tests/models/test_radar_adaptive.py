@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +13,7 @@ from drivers.scan import RadarScan
 from models.estimate.level import Estimate
 from models.estimate.radar import RadarEstimator
 from models.estimate.radar_adaptive import LONGEST_REST_S, AdaptiveRadar
-from models.estimate.radar_window import RECENT
+from models.estimate.radar_window import ScanWindow
 from models.evaluate.radar import simulated_drive
 
 
@@ -22,14 +21,12 @@ class Scripted(RadarEstimator):
     """Says of each scan what it is told to: level, and whether it is sure."""
 
     def __init__(self) -> None:
-        self.level, self.sure = 40.0, True
+        self.level, self.sure, self.doubt = 40.0, True, False
 
-    def follow(self, recent: int = RECENT) -> Callable[[RadarScan], Estimate]:
-        def estimate(scan: RadarScan) -> Estimate:
-            probabilities = np.eye(11)[int(self.level / 10)] if self.sure else np.full(11, 1 / 11)
-            return Estimate(probabilities, {"clean": 1.0})
-
-        return estimate
+    def estimate_next(self, window: ScanWindow, scan: RadarScan) -> Estimate:
+        window.contradicted(self.doubt)
+        probabilities = np.eye(11)[int(self.level / 10)] if self.sure else np.full(11, 1 / 11)
+        return Estimate(probabilities, {"clean": 1.0})
 
 
 @pytest.fixture(scope="module")
@@ -45,11 +42,15 @@ def test_steady_and_certain_every_second_scan_is_left_out(scans: tuple[RadarScan
     assert looked(AdaptiveRadar(Scripted()), scans[:9]) == [0, 1, 3, 5, 7]
 
 
-def test_uncertain_or_moving_level_is_always_looked_at(scans: tuple[RadarScan, ...]) -> None:
+def test_uncertain_doubtful_or_moving_level_is_always_looked_at(
+    scans: tuple[RadarScan, ...],
+) -> None:
     radar = Scripted()
     radar.sure = False
     assert looked(AdaptiveRadar(radar), scans) == list(range(len(scans)))
-    radar.sure = True
+    radar.sure, radar.doubt = True, True
+    assert looked(AdaptiveRadar(radar), scans) == list(range(len(scans)))
+    radar.doubt = False
     adaptive = AdaptiveRadar(radar)
     for number, scan in enumerate(scans):
         radar.level = 20.0 * (number % 5)
