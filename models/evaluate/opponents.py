@@ -73,7 +73,7 @@ def opponent_points(sensor: str, shipped_run_time_us: float, unit: str) -> Itera
         What the shipped network takes now. The opponents' run times are those of then, times this
         over what it took beside them then.
     """
-    for opponent in read_opponents(sensor):
+    for opponent in sorted(read_opponents(sensor), key=lambda one: one.parameters):
         curve, _, knob = opponent.name.partition("_")
         run_time_us = opponent.run_time_us * shipped_run_time_us / opponent.shipped_run_time_us
         error = opponent.tables["test"]["all"]["mean_error"]
