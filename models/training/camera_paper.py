@@ -6,12 +6,14 @@ sees a native crop from the middle instead of the whole frame, since two cores w
 days on whole frames.
 
 It is trained twice. As the paper writes: raw values of 0 to 255, Adam at 1e-4 throughout, cross
-entropy. And with all that was found to help it in an hour of one core: with PyTorch's own
-initialisation the answers to two frames differ by 1e-4 only, and most channels of the last blocks
-never answer, so weights start as He et al. propose ("Delving deep into rectifiers", ICCV 2015) on
-standardised values, the last layer at zero; even so the last, narrow blocks drown the evidence
-before the first ones have found it, so the first five are trained alone on small windows, then
-six, then all, at a rate that rises and falls.
+entropy. And with what was found to help it:
+
+- With PyTorch's own initialisation its answers to two frames differ by 1e-4 at first, and most
+  channels of the last block are dead. Weights start as He et al. propose ("Delving deep into
+  rectifiers", ICCV 2015), on standardised values, the last layer at zero.
+- Even so it was no better than chance after 7,000 crops: the last, narrow blocks go silent before
+  the first ones have found any evidence. So the first five are trained alone on small windows,
+  where a step costs little, then six, then all, at a rate that rises and falls.
 """
 
 from __future__ import annotations
