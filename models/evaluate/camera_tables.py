@@ -23,6 +23,7 @@ from models.evaluate.camera import (
 )
 from models.evaluate.codecs import Image, h264, jpeg
 from models.evaluate.report import Table
+from models.evaluate.timing import median_us
 from models.world.camera import WorldCamera
 from models.world.road import World
 
@@ -135,9 +136,10 @@ def sizes_table(estimator: CameraEstimator, quick: bool) -> Table:
                         key = DrawKey(seed, kind, sequence)
                         degraded = degrade(kind, float(level), key, image)[1]
                         errors.append(abs(estimator.estimate(degraded).level - level))
-        rows.append((f"{width}×{height}", len(errors), float(np.mean(errors))))
+        run_time_us = median_us(partial(estimator.estimate, image), 5 if quick else 50)
+        rows.append((f"{width}×{height}", len(errors), float(np.mean(errors)), run_time_us))
     title = "Camera: size of the frame (simulated drives, main kinds)"
-    return Table(title, ("size", "frames", "mean error, points"), tuple(rows))
+    return Table(title, ("size", "frames", "mean error, points", "run time, µs"), tuple(rows))
 
 
 def extremes() -> dict[str, Image]:

@@ -9,7 +9,6 @@ takes now over what it took beside them then.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -41,6 +40,7 @@ from models.evaluate.camera_tables import (
     untold_table,
 )
 from models.evaluate.codecs import Image
+from models.evaluate.int8 import int8_copy
 from models.evaluate.opponents import CAMERA_PAPER_ACCURACY, opponent_points, read_opponents
 from models.evaluate.report import Goal, Point, Result, Table
 from models.evaluate.restore import restoration_table
@@ -126,18 +126,10 @@ def _rivals(
 
 def _int8(frames: Sequence[CleanFrame], image: Image, rounds: int) -> Iterator[Point]:
     """Yield the network with weights of 8 bit, where the library that makes it is installed."""
-    try:
-        import onnx
-        from onnxruntime.quantization import quantize_dynamic
-    except ImportError:
-        return
-    network = onnx.load(WEIGHTS / "camera.onnx")
-    del network.graph.value_info[:]  # the quantiser takes them amiss where weights are transposed
     with TemporaryDirectory() as folder:
-        file = Path(folder) / "camera.onnx"
-        logging.disable(logging.WARNING)
-        quantize_dynamic(network, file)
-        logging.disable(logging.NOTSET)
+        file = int8_copy(WEIGHTS / "camera.onnx", Path(folder))
+        if file is None:
+            return
         estimate = CameraEstimator(file).estimate
     error = measure(estimate, frames, draws=2).table()["all"]["mean_error"]
     time_us = median_us(partial(estimate, image), rounds)

@@ -12,6 +12,8 @@ a step of 60 points, up and down, over how many scans these are. Filters are mea
 drives whose level steps from 0 to 60 %: the error over the rate at which the filter lets the level
 drift.
 
+Opponents of the network are in [opponents](opponents.md), on recorded drives left out.
+
 Of the kinds that can be injected, the network tells those in the columns of the kinds' tables
 apart. What the level means depends on the kind, as the tables of estimated by true level show: that
 of `snr` and of `jitter` is the injected one where there are scans to compare; ghosts look the same
@@ -51,6 +53,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter_ns
 
 import numpy as np
@@ -62,8 +66,10 @@ from models.estimate.network import WEIGHTS
 from models.estimate.radar import RadarEstimator
 from models.evaluate import radar
 from models.evaluate.answer_plots import expected_calibration_error, reliability_picture
+from models.evaluate.int8 import int8_copy
 from models.evaluate.radar_bound import with_clean_scan
 from models.evaluate.radar_effort import effort_table
+from models.evaluate.radar_extremes import extremes_table
 from models.evaluate.radar_left_out import LeftOut, mean_levels
 from models.evaluate.radar_recorded import (
     confusion_table,
@@ -92,6 +98,7 @@ def run(quick: bool) -> Iterator[Result]:
     yield from _network(estimator, quick)
     yield from recorded_results(LeftOut.read(WEIGHTS / "radar.json"))
     yield from _kinds(estimator, quick)
+    yield extremes_table(estimator)
     drives = [radar.simulated_drive(seed, 0, STEP_SCANS) for seed in _seeds(quick)]
     yield from step_results(estimator, drives)
     yield effort_table(estimator, drives)
@@ -111,6 +118,7 @@ def _network(estimator: RadarEstimator, quick: bool) -> Iterator[Result]:
         yield Point(
             "radar network", f"window={count}", run_time_us, error, UNIT, shipped=count == SECOND
         )
+    yield from _int8(drives, 20 if quick else 200)
     one, second = answers[1].figures(), answers[SECOND].figures()
     yield Goal("radar, 125 clusters, one thread, ms", run_time_us / 1e3, 0.3, False)
     most_parameters = (WEIGHTS / "radar.onnx").stat().st_size / np.dtype(np.float32).itemsize
@@ -129,6 +137,19 @@ def _network(estimator: RadarEstimator, quick: bool) -> Iterator[Result]:
         error = expected_calibration_error(each.probabilities, each.levels)
         title = f"Radar: reliability, one simulated {name} (expected calibration error {error:.1%})"
         yield reliability_picture(title, each.probabilities, each.levels)
+
+
+def _int8(drives: list[radar.Drive], rounds: int) -> Iterator[Point]:
+    """Yield the network with weights of 8 bit, where the library that makes it is installed."""
+    with TemporaryDirectory() as folder:
+        file = int8_copy(WEIGHTS / "radar.onnx", Path(folder))
+        if file is None:
+            return
+        estimator = RadarEstimator(file)
+    window = radar.measure_together(estimator.follow, drives, None, scans=SECOND, draws=1)
+    run_time_us = _run_time_us(estimator, drives[0], SECOND, rounds)
+    error = window.figures()["mean_error"]
+    yield Point("radar network, INT8", f"window={SECOND}", run_time_us, error, UNIT)
 
 
 def _run_time_us(estimator: RadarEstimator, drive: radar.Drive, count: int, rounds: int) -> float:
@@ -185,14 +206,13 @@ def _filters(estimator: RadarEstimator, drives: list[radar.Drive]) -> Iterator[P
         uniform = np.full(len(LEVELS), 1 / len(LEVELS))
         update = make_filter().update
         run_time_us = median_us(partial(_update, update, uniform), 50)
+        knob = f"drift={drift}/s" + (" (default)" if drift == shipped.drift_per_s else "")
         levels = radar.step_response(estimator.follow, drives, make_filter, level=60.0)
         for name, error in (
             ("at rest", np.abs(levels[:, SECOND:half]).mean()),
             ("a second after the step", np.abs(levels[:, half + SECOND :] - 60.0).mean()),
         ):
-            yield Point(
-                f"filter, {name}", f"drift={drift}/s", run_time_us, float(error), FILTER_UNIT
-            )
+            yield Point(f"filter, {name}", knob, run_time_us, float(error), FILTER_UNIT)
 
 
 def _seeds(quick: bool) -> range:

@@ -24,6 +24,7 @@ from models.evaluate.radar import (
     simulated_drive,
     step_response,
 )
+from models.evaluate.radar_extremes import extremes
 
 SEED = 2**31 + 1000  # of worlds that no training draws
 
@@ -149,6 +150,15 @@ def test_one_cluster_hardly_any_opinion(estimator: RadarEstimator) -> None:
 )
 def test_extreme_scans(estimator: RadarEstimator, columns: dict[str, np.ndarray]) -> None:
     assert_sane(estimator.estimate(make_scan(50, **columns)))
+
+
+@pytest.mark.parametrize("name", extremes())
+def test_what_no_radar_should_send_is_answered_with_doubt(
+    estimator: RadarEstimator, name: str
+) -> None:
+    estimate = estimator.estimate(extremes()[name])
+    assert_sane(estimate)
+    assert estimate.std > 5
 
 
 @settings(max_examples=50, deadline=None)
