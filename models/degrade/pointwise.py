@@ -17,6 +17,7 @@ Bytes = NDArray[np.uint8]
 _STRIPS = 16
 _MAX_STRIP = 2**18
 _BANK = 2**22
+_LEAST_ROWS = 50
 
 
 def strips(seed: int, size: int, tables: int) -> Iterator[tuple[slice, Bytes, int]]:
@@ -130,7 +131,18 @@ def looked_up(values: Bytes, table: Bytes) -> Bytes:
     return result
 
 
-def veil(image: Bytes, transmission: Bytes, airlight: float) -> Bytes:
+def bands(shape: tuple[int, ...]) -> Iterator[slice]:
+    """Yield the rows of an image in bands that stay in the cache.
+
+    What is put together whole needs memory beside the image's, which the system gives and takes
+    back at every call; that takes longer than the arithmetic.
+    """
+    rows = max(_LEAST_ROWS, _MAX_STRIP // (3 * shape[1]))
+    for top in range(0, shape[0], rows):
+        yield slice(top, top + rows)
+
+
+def veil(image: Bytes, transmission: Bytes, airlight: float, falling: Bytes | None = None) -> Bytes:
     """Return ``value t + airlight (1 - t)``, both parts rounded, with t = transmission / 255.
 
     Parameters
@@ -141,8 +153,19 @@ def veil(image: Bytes, transmission: Bytes, airlight: float) -> Bytes:
         (height, width) uint8.
     airlight:
         Counts.
+    falling:
+        (height, width) uint8, light added to that, in front of it.
     """
     glow = np.clip(np.rint(airlight * (1 - np.arange(256) / 255)), 0, 255).astype(np.uint8)
-    through = cv2.multiply(image, cv2.cvtColor(transmission, cv2.COLOR_GRAY2BGR), scale=1 / 255)
-    veil_of_light = cv2.cvtColor(looked_up(transmission, glow), cv2.COLOR_GRAY2BGR)
-    return np.asarray(cv2.add(through, veil_of_light, dst=through), np.uint8)
+    result = np.empty(image.shape, np.uint8)
+    for part in bands(image.shape):
+        here, share = result[part], transmission[part]
+        cv2.multiply(image[part], _in_colour(share), scale=1 / 255, dst=here)
+        cv2.add(here, _in_colour(looked_up(share, glow)), dst=here)
+        if falling is not None:
+            cv2.add(here, _in_colour(falling[part]), dst=here)
+    return result
+
+
+def _in_colour(gray: Bytes) -> Bytes:
+    return np.asarray(cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR), np.uint8)

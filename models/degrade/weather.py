@@ -155,11 +155,11 @@ def apply(weather: Weather, image: Image, *, depth_m: NDArray[np.float32] | None
         through = dirt(weather.seeds[0], weather.level, image.shape)
         return veil(image, through, DIRT_LIGHT * light)
     through = transmission(weather.haze, weather.horizon, image.shape, depth_m)
-    result = veil(image, through, weather.haze.airlight * light)
     if weather.kind == "fog":
-        return result
-    layer = cv2.convertScaleAbs(falling(weather, image.shape), alpha=light / DAYLIGHT)
-    return np.asarray(cv2.add(result, cv2.cvtColor(layer, cv2.COLOR_GRAY2BGR), dst=result))
+        return veil(image, through, weather.haze.airlight * light)
+    layer = falling(weather, image.shape)
+    cv2.convertScaleAbs(layer, dst=layer, alpha=light / DAYLIGHT)
+    return veil(image, through, weather.haze.airlight * light, layer)
 
 
 def falling(weather: Weather, shape: tuple[int, ...]) -> Bytes:
