@@ -28,12 +28,15 @@ from numpy.typing import NDArray
 from models.degrade.camera import Image, check_image
 from models.degrade.checks import check_level
 from models.degrade.draw import DrawKey
-from models.degrade.pointwise import add_noise, looked_up, words
+from models.degrade.pointwise import add_noise, bands, looked_up, words
 
 KINDS = ("motion", "tunnel", "poisson", "salt_pepper", "low_light", "jpeg", "dead")
 
 _SMEAR_PX = 40.0
 _SMEAR_STEPS = 5
+_SMEAR_BAND = 2**20
+"""Bytes; each band is computed with as many rows more as the smear reaches."""
+
 _TUNNEL_STOPS = 4.0
 _TUNNEL_PERIOD = 100
 _TUNNEL_TAU = 8.0
@@ -192,7 +195,20 @@ def _smear(motion: Motion, image: Image) -> Image:
         return image
     reach_x, reach_y = (sum(abs(move[axis]) for move in moves) for axis in (0, 1))
     top, left = reach_y // 2, reach_x // 2
-    moved = np.pad(image, ((top, reach_y - top), (left, reach_x - left), (0, 0)), mode="symmetric")
+    height = len(image)
+    result = np.empty(image.shape, np.uint8)
+    for band in bands(image.shape, _SMEAR_BAND):
+        here = result[band]
+        first, last = band.start - top, band.start + len(here) + reach_y - top
+        beyond = max(0, -first), max(0, last - height), left, reach_x - left
+        rows = image[max(0, first) : last]
+        padded = cv2.copyMakeBorder(rows, *beyond, borderType=cv2.BORDER_REFLECT)
+        _average(np.asarray(padded, np.uint8), moves, here)
+    return result
+
+
+def _average(moved: Image, moves: list[tuple[int, int]], result: Image) -> None:
+    """Put the mean of all copies that the moves make into ``result``; ``moved`` is used up."""
     spare = [np.empty_like(moved)] if len(moves) > 1 else []
     for x, y in moves[:-1]:
         here, there = _apart(moved, x, y)
@@ -200,7 +216,7 @@ def _smear(motion: Motion, image: Image) -> Image:
         moved = spare.pop(0)[: here.shape[0], : here.shape[1]]
         cv2.addWeighted(here, 0.5, there, 0.5, 0, dst=moved)
     here, there = _apart(moved, *moves[-1])
-    return np.asarray(cv2.addWeighted(here, 0.5, there, 0.5, 0), np.uint8)
+    cv2.addWeighted(here, 0.5, there, 0.5, 0, dst=result)
 
 
 def _apart(image: Image, x: int, y: int) -> tuple[Image, Image]:

@@ -131,13 +131,13 @@ def looked_up(values: Bytes, table: Bytes) -> Bytes:
     return result
 
 
-def bands(shape: tuple[int, ...]) -> Iterator[slice]:
+def bands(shape: tuple[int, ...], most_bytes: int = _MAX_STRIP) -> Iterator[slice]:
     """Yield the rows of an image in bands that stay in the cache.
 
     What is put together whole needs memory beside the image's, which the system gives and takes
     back at every call; that takes longer than the arithmetic.
     """
-    rows = max(_LEAST_ROWS, _MAX_STRIP // (3 * shape[1]))
+    rows = max(_LEAST_ROWS, most_bytes // (3 * shape[1]))
     for top in range(0, shape[0], rows):
         yield slice(top, top + rows)
 
