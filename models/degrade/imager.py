@@ -23,6 +23,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import simplejpeg
 from numpy.typing import NDArray
 
 from models.degrade.camera import Image, check_image
@@ -179,7 +180,18 @@ def apply(degradation: ImagerDegradation, image: Image) -> Image:
             return _kill(degradation, image)
         case Codec(quality=quality):
             _, stream = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
-            return np.asarray(cv2.imdecode(stream, cv2.IMREAD_COLOR), np.uint8)
+            return decoded(stream)
+
+
+def decoded(stream: NDArray[np.uint8]) -> Image:
+    """Return the picture in a JPEG stream: the same to the bit as OpenCV's decoder gives.
+
+    That one gets fresh pages from the system at every call, which takes as long as decoding.
+    """
+    picture = simplejpeg.decode_jpeg(
+        stream.data, colorspace="BGR", fastdct=False, fastupsample=False
+    )
+    return np.asarray(picture, np.uint8)
 
 
 def _smear(motion: Motion, image: Image) -> Image:

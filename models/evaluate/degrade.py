@@ -7,10 +7,8 @@ its integer transform: where it falls to the other side of a quantisation step, 
 
 JPEG is bounded by its codec: the kind is libjpeg-turbo's encoder and decoder, one after the other,
 and most of the time goes into entropy coding, the more the better the quality, so that the lowest
-levels are the slowest. The same library by another binding (simplejpeg) takes as long, and a tenth
-less to decode where chroma is not smoothed, which is another picture. In a process that never freed
-a large block OpenCV's decoder gets fresh pages from the system at every call, and takes twice as
-long; the other kinds are made so that they do not. To leave entropy coding out
+levels are the slowest. Decoding takes a tenth less where chroma is not smoothed, which is another
+picture. To leave entropy coding out
 and transform the blocks by matrix products is slower, and not equal to the pixel.
 
 Radar kinds are applied to a scan in what is called their time; to draw their parameters, once a
@@ -180,7 +178,7 @@ def _jpeg(quick: bool) -> Iterator[Result]:
         drawn: Any = imager.draw("jpeg", level, _KEY)
         encode = partial(cv2.imencode, ".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, drawn.quality])
         stream = np.asarray(encode()[1], np.uint8)
-        decode = partial(cv2.imdecode, stream, cv2.IMREAD_COLOR)
+        decode = partial(imager.decoded, stream)
         times = [cpu_time_us(call, quick) for call in (encode, decode)]
         whole = cpu_time_us(partial(imager.apply, drawn, image), quick)
         reference, knob = exact(drawn, small), f"level={level:g}"

@@ -27,6 +27,7 @@ REQUIRED = (
     "python-can",
     "rich",
     "rosbags",
+    "simplejpeg",
     "stringzilla",
     "stringzilla",
     "typer",

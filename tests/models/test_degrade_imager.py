@@ -45,6 +45,15 @@ def test_a_table_of_bytes_is_looked_up_value_by_value(length, step, seed):
 
 
 @settings(max_examples=40, deadline=None)
+@given(st.floats(0.1, 100), st.integers(1, 60), st.integers(1, 60), st.integers(0, 2**32))
+def test_jpeg_is_opencvs_to_the_bit(level, height, width, seed):
+    image = np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    drawn = imager.draw("jpeg", level, KEY)
+    _, stream = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, drawn.quality])
+    np.testing.assert_array_equal(imager.apply(drawn, image), cv2.imdecode(stream, 1))
+
+
+@settings(max_examples=40, deadline=None)
 @given(st.sampled_from(imager.KINDS), st.floats(0, 100), st.integers(1, 30), st.integers(1, 30))
 def test_any_level_and_size(kind, level, height, width):
     image = scene(height, width)
