@@ -44,7 +44,9 @@ if TYPE_CHECKING:
 
 Report = Callable[[dict[str, object]], None]
 
-_HIDDEN = 64
+HIDDEN = 64
+"""Width of the hidden layers."""
+
 _DROPOUT = 0.2
 _BATCH = 512
 _EPOCHS = 8
@@ -81,23 +83,25 @@ class Perceptron(torch.nn.Module):
     ----------
     mean, std:
         Of the training inputs, (n,) each; inputs beyond are not read.
+    hidden:
+        Width of the hidden layers.
     """
 
     mean: Tensor
     std: Tensor
 
-    def __init__(self, mean: Tensor, std: Tensor) -> None:
+    def __init__(self, mean: Tensor, std: Tensor, hidden: int) -> None:
         super().__init__()
         self.register_buffer("mean", mean)
         self.register_buffer("std", std)
         self.layers = torch.nn.Sequential(
-            torch.nn.Linear(len(mean), _HIDDEN),
+            torch.nn.Linear(len(mean), hidden),
             torch.nn.ReLU(),
             torch.nn.Dropout(_DROPOUT),
-            torch.nn.Linear(_HIDDEN, _HIDDEN),
+            torch.nn.Linear(hidden, hidden),
             torch.nn.ReLU(),
             torch.nn.Dropout(_DROPOUT),
-            torch.nn.Linear(_HIDDEN, len(LEVELS) + len(RADAR_KINDS)),
+            torch.nn.Linear(hidden, len(LEVELS) + len(RADAR_KINDS)),
         )
 
     def forward(self, inputs: Tensor) -> Tensor:
@@ -215,28 +219,30 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
     }
 
 
-def fit(samples: Samples, seed: int) -> RadarNet:
+def fit(samples: Samples, seed: int, hidden: int = HIDDEN) -> RadarNet:
     """Train a network on samples of scans alone and with scans before them."""
     torch.manual_seed(seed)
     follows = samples.inputs[:, FOLLOWS] > 0.5
     alone, windows = samples.among(~follows), samples.among(follows)
-    return RadarNet(_fit(alone, alone.inputs[:, :FEATURES]), _fit(windows, windows.inputs)).eval()
+    return RadarNet(
+        _fit(alone, alone.inputs[:, :FEATURES], hidden), _fit(windows, windows.inputs, hidden)
+    ).eval()
 
 
 def fit_alone(samples: Samples, seed: int) -> RadarNet:
     """Train a network on samples of scans alone; windows it answers in the same way."""
     torch.manual_seed(seed)
-    alone = _fit(samples, samples.inputs[:, :FEATURES])
+    alone = _fit(samples, samples.inputs[:, :FEATURES], HIDDEN)
     return RadarNet(alone, alone).eval()
 
 
-def _fit(samples: Samples, columns: NDArray[np.float32]) -> Perceptron:
+def _fit(samples: Samples, columns: NDArray[np.float32], hidden: int) -> Perceptron:
     inputs = torch.from_numpy(np.ascontiguousarray(columns))
     levels, kinds = torch.from_numpy(samples.levels), torch.from_numpy(samples.kinds)
     counts = torch.bincount(kinds, minlength=len(RADAR_KINDS)).clamp(min=1)
     kind_weights = len(kinds) / (len(RADAR_KINDS) * counts)
     level_weights = torch.tensor([_LEVEL_WEIGHTS[kind] for kind in RADAR_KINDS])[kinds]
-    network = Perceptron(*_location_and_scale(inputs))
+    network = Perceptron(*_location_and_scale(inputs), hidden)
     steps = _EPOCHS * -(-len(inputs) // _BATCH)
     optimizer = torch.optim.AdamW(network.parameters(), weight_decay=_WEIGHT_DECAY)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, _PEAK_RATE, total_steps=steps)

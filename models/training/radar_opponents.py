@@ -15,7 +15,8 @@ All answer one scan at a time:
 
 Then what recorded and simulated scans contribute: murk's network trained on one sort and on both,
 with fewer samples than the shipped one, on one scan and on a window (seven recorded scans at 2 Hz,
-a simulated second), without a filter in time.
+a simulated second), without a filter in time. Last the same network by the width of its hidden
+layers, trained on both.
 """
 
 from __future__ import annotations
@@ -64,6 +65,7 @@ try:
 
     from models.training.radar import fit, fit_alone
     from models.training.radar_scans import SIMULATED, Amounts, Samples, make_samples
+    from models.training.radar_widths import width_points
 except ImportError:
     raise MissingExtra("train", "murk bench opponents") from None
 
@@ -131,7 +133,9 @@ def run(quick: bool) -> Iterator[Result]:
         rows.append((name, *_cells(recorded), *_cells(unseen)))
     columns = ("one scan", "recorded, right, %", "mean error", "simulated, right, %", "mean error")
     yield Table("Radar: opponents", columns, tuple(rows))
-    yield _contributions(drives, simulated, _QUICK_AMOUNTS if quick else _AMOUNTS)
+    samples = make_samples(drives, _QUICK_AMOUNTS if quick else _AMOUNTS, seed=SEED)
+    yield _contributions(drives, simulated, samples)
+    yield from width_points(samples, simulated, SEED)
 
 
 def degraded_scans(drives: Sequence[Drive], *, worlds: int) -> Scans:
@@ -276,9 +280,8 @@ def _left_out(folds: Sequence[Estimator], drives: Sequence[Drive]) -> Answers:
     )
 
 
-def _contributions(drives: Sequence[Drive], simulated: Sequence[Drive], amounts: Amounts) -> Table:
+def _contributions(drives: Sequence[Drive], simulated: Sequence[Drive], samples: Samples) -> Table:
     """Return what murk's network reaches by what it was trained on."""
-    samples = make_samples(drives, amounts, seed=SEED)
     is_simulated = (samples.drives == SIMULATED).all(axis=1)
     everything = np.ones(len(is_simulated), bool)
     rows = []
