@@ -90,7 +90,7 @@ class Perceptron(torch.nn.Module):
     mean: Tensor
     std: Tensor
 
-    def __init__(self, mean: Tensor, std: Tensor, hidden: int) -> None:
+    def __init__(self, mean: Tensor, std: Tensor, hidden: int = HIDDEN) -> None:
         super().__init__()
         self.register_buffer("mean", mean)
         self.register_buffer("std", std)
