@@ -20,6 +20,8 @@ from models.training.camera_frames import Samples
 
 try:
     import torch
+
+    from models.training.device import best_device
 except ImportError:
     raise MissingExtra("train", "murk train camera") from None
 
@@ -142,9 +144,11 @@ def fit(
     epochs:
         A multiple of ten; after every tenth of them ``report`` gets a record of the progress.
     """
-    features = torch.from_numpy(samples.features)
-    levels = torch.from_numpy(_spread_over_levels(samples.levels))
-    kinds = torch.from_numpy(samples.kinds)
+    device = best_device()
+    network.to(device)
+    features = torch.from_numpy(samples.features).to(device)
+    levels = torch.from_numpy(_spread_over_levels(samples.levels)).to(device)
+    kinds = torch.from_numpy(samples.kinds).to(device)
     steps = epochs * -(-len(features) // _BATCH)
     optimizer = torch.optim.AdamW(network.parameters(), weight_decay=_WEIGHT_DECAY)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, peak_rate, total_steps=steps)
@@ -160,7 +164,7 @@ def fit(
             total += loss.item() * len(batch)
         if (epoch + 1) % (epochs // 10) == 0:
             report({"epoch": epoch + 1, "of": epochs, "loss": total / len(features)})
-    network.eval()
+    network.to("cpu").eval()
 
 
 def _spread_over_levels(levels: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -171,7 +175,7 @@ def _spread_over_levels(levels: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def _loss(joint: Tensor, levels: Tensor, kinds: Tensor) -> Tensor:
     log = joint.flatten(1).log_softmax(dim=1).view_as(joint)
-    of_kind = log[torch.arange(len(kinds)), kinds]
+    of_kind = log[torch.arange(len(kinds), device=kinds.device), kinds]
     apart = log.exp().sum(dim=1).cumsum(dim=1) - levels.cumsum(dim=1)
     losses = _RANKED_WEIGHT * apart.square().sum(dim=1) - (levels * of_kind).sum(dim=1)
     weights = torch.where(kinds == _CLEAN, _CLEAN_WEIGHT, 1.0)

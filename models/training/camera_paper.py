@@ -42,6 +42,8 @@ from models.training.camera_frames import (
 try:
     import torch
     from torch.nn import functional
+
+    from models.training.device import best_device
 except ImportError:
     raise MissingExtra("train", "murk train camera --opponent") from None
 
@@ -206,11 +208,13 @@ def _fit_stage(
         schedule = torch.optim.lr_scheduler.OneCycleLR(
             optimizer, stage.peak_rate, total_steps=steps
         )
+    device = best_device()
+    network.to(device)
     seen = 0
     for number, part in enumerate(parts):
         rng = DrawKey(seed, "windows", number).generator("training")
         made = make_samples(part, 1, seed + number, recipe=MAIN_ONLY, describe=crop)
-        levels = torch.from_numpy(np.rint(made.levels / 10).astype(np.int64))
+        levels = torch.from_numpy(np.rint(made.levels / 10).astype(np.int64)).to(device)
         order = rng.permutation(np.repeat(np.arange(len(levels)), stage.views))
         total = 0.0
         for batch in np.split(order, range(stage.batch, len(order), stage.batch)):
@@ -218,8 +222,8 @@ def _fit_stage(
                 [_window(made.features[index], stage.window, rng) for index in batch]
             )
             # Half precision costs nothing in accuracy here and takes half the time.
-            with torch.autocast("cpu", torch.bfloat16):
-                logits = network(_as_input(windows))
+            with torch.autocast(device.type, torch.bfloat16):
+                logits = network(_as_input(windows).to(device))
             loss = functional.cross_entropy(logits.float(), levels[batch])
             optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
@@ -229,6 +233,7 @@ def _fit_stage(
         seen += len(levels)
         of = sum(map(_crops, parts))
         report({"blocks": stage.blocks, "crops": seen, "of": of, "loss": total / len(order)})
+    network.to("cpu")
 
 
 def _crops(part: Sequence[Clean]) -> int:

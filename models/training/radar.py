@@ -35,6 +35,7 @@ try:
     import torch
     from torch.nn import functional
 
+    from models.training.device import best_device
     from models.training.export import export
 except ImportError:
     raise MissingExtra("train", "murk train radar") from None
@@ -242,7 +243,10 @@ def _fit(samples: Samples, columns: NDArray[np.float32], hidden: int) -> Percept
     counts = torch.bincount(kinds, minlength=len(RADAR_KINDS)).clamp(min=1)
     kind_weights = len(kinds) / (len(RADAR_KINDS) * counts)
     level_weights = torch.tensor([_LEVEL_WEIGHTS[kind] for kind in RADAR_KINDS])[kinds]
-    network = Perceptron(*_location_and_scale(inputs), hidden)
+    device = best_device()
+    network = Perceptron(*_location_and_scale(inputs), hidden).to(device)
+    inputs, levels, kinds = inputs.to(device), levels.to(device), kinds.to(device)
+    kind_weights, level_weights = kind_weights.to(device), level_weights.to(device)
     steps = _EPOCHS * -(-len(inputs) // _BATCH)
     optimizer = torch.optim.AdamW(network.parameters(), weight_decay=_WEIGHT_DECAY)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, _PEAK_RATE, total_steps=steps)
@@ -256,7 +260,7 @@ def _fit(samples: Samples, columns: NDArray[np.float32], hidden: int) -> Percept
             loss.backward()  # type: ignore[no-untyped-call]
             optimizer.step()
             schedule.step()
-    return network
+    return network.to("cpu")
 
 
 def _location_and_scale(features: Tensor) -> tuple[Tensor, Tensor]:
