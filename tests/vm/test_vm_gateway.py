@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
@@ -279,11 +279,22 @@ def test_frames_reach_whoever_watches_the_output_device(tmp_path: Path) -> None:
     assert between.sum() > 4
 
 
+@pytest.fixture
+def soft_squares() -> Iterator[None]:
+    """Coloured squares before the camera that clip nowhere: full bars look over-exposed."""
+    command = ["v4l2-ctl", "-d", "/dev/video0", "-c"]
+    subprocess.run([*command, "test_pattern=4,contrast=80,saturation=60"], check=True)
+    yield
+    subprocess.run([*command, "test_pattern=0,contrast=128,saturation=128"], check=True)
+
+
+@pytest.mark.usefixtures("soft_squares")
 def test_a_blurred_camera_looks_blurred_to_murk(tmp_path: Path) -> None:
     pipe = tmp_path / "frames"
     wanted = build_gateway_scene(None, "camera", "/dev/video0", inject=["camera:blur:50"])
-    with Gateway(wanted, f"pipe:{pipe}"), pipe.open("rb") as stream:
-        data = stream.read(5 * 640 * 480 * 3)
+    # The gateway ends before the reader does: one that goes first is its failure.
+    with ExitStack() as after, Gateway(wanted, f"pipe:{pipe}"):
+        data = after.enter_context(pipe.open("rb")).read(5 * 640 * 480 * 3)
     for number, image in enumerate(np.frombuffer(data, np.uint8).reshape(5, 480, 640, 3)):
         cv2.imwrite(str(tmp_path / f"{number}.png"), image)
     murk = [sys.executable, "-c", "from node.cli import main; main()"]
