@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,17 +15,16 @@ from drivers.frame import Frame
 from drivers.video import open_video
 from models.degrade.draw import DrawKey
 from models.estimate.camera import CameraEstimator
-from models.estimate.filter import LevelFilter, level_filter
+from models.estimate.filter import level_filter
 from models.estimate.level import LEVELS, Estimate
 from models.evaluate.camera import MAIN_KINDS, degrade
-from models.evaluate.report import Picture, Point
+from models.evaluate.filter_rates import STEP, LevelTrack, truths
+from models.evaluate.report import Picture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CLIPS = ("day_highway_960x540_25fps", "day_city_1242x374_10fps", "night_1920x1080_30fps")
-DRIFTS_PER_S = (0.1, 0.3, 1.0, 3.0, 10.0)
-STEP = 60.0
 
 _COLOURS = {"truth": "#c2410c", "estimate": "#0b6e99"}
 _SCHEDULE = (("blur", 50.0), ("under", 70.0), ("noise", 40.0), ("over", 60.0))
@@ -55,14 +55,11 @@ class Track:
         """Time since the first frame, s."""
         return (np.array(self.stamps_ns) - self.stamps_ns[0]) * 1e-9
 
-    def filtered(self, levels: LevelFilter) -> NDArray[np.float64]:
-        """Return the probabilities after a filter in time, (n, 11)."""
-        return np.array(
-            [
-                levels.update(stamp_ns, estimate.probabilities)
-                for stamp_ns, estimate in zip(self.stamps_ns, self.estimates, strict=True)
-            ]
-        )
+    @property
+    def answers(self) -> LevelTrack:
+        """The levels alone, as a filter in time takes them."""
+        probabilities = np.array([estimate.probabilities for estimate in self.estimates])
+        return LevelTrack(np.array(self.stamps_ns), self.levels, probabilities)
 
 
 def clip_frames(data: Path, clip: str, *, every: int = 1) -> list[Frame]:
@@ -104,7 +101,7 @@ def clip_picture(title: str, shown: Track) -> Picture:
     """Return the plot of the true level against the filtered one with its standard deviation."""
 
     def draw(figure: Figure) -> None:
-        probabilities = shown.filtered(level_filter("camera"))
+        probabilities = shown.answers.filtered(level_filter("camera"))
         level = probabilities @ LEVELS
         std = np.sqrt(np.maximum(probabilities @ LEVELS**2 - level**2, 0))
         axis, t = figure.subplots(), shown.seconds
@@ -124,52 +121,28 @@ def clip_picture(title: str, shown: Track) -> Picture:
     return Picture(title, draw)
 
 
-def steps(estimator: CameraEstimator, data: Path, *, every: int) -> list[Track]:
-    """Return, for each clip and main kind, a track whose second half is degraded to 60 %."""
+def level_tracks(estimator: CameraEstimator, data: Path, *, every: int) -> list[Track]:
+    """Return, for each clip and main kind, a track of each of the ``truths``."""
     tracks = []
     for clip in CLIPS:
         frames = clip_frames(data, clip, every=every)
-        half = len(frames) // 2
-        for kind in MAIN_KINDS:
-            truth = [("clean", 0.0)] * half + [(kind, STEP)] * (len(frames) - half)
-            tracks.append(track(estimator, frames, truth))
+        for kind, levels in product(MAIN_KINDS, truths(len(frames))):
+            tracks.append(track(estimator, frames, [(kind, float(level)) for level in levels]))
     return tracks
 
 
-def filter_points(tracks: Sequence[Track], run_time_us: float, unit: str) -> Iterator[Point]:
-    """Yield the error of the filtered level over the rate at which the filter lets it drift.
-
-    Parameters
-    ----------
-    run_time_us:
-        Of one update of the filter.
-    """
-    shipped = level_filter("camera")
-    for drift in sorted({*DRIFTS_PER_S, shipped.drift_per_s}):
-        rest, after = [], []
-        for each in tracks:
-            levels = LevelFilter(drift, shipped.jump_per_s, shipped.correlation_s)
-            errors = np.abs(each.filtered(levels) @ LEVELS - each.levels)
-            start_s = each.seconds[int(np.argmax(each.levels > 0))]
-            rest.append(errors[each.levels == 0].mean())
-            after.append(errors[(each.seconds >= start_s) & (each.seconds < start_s + 1)].mean())
-        default = drift == shipped.drift_per_s
-        knob = f"drift={drift:g}/s" + (" (default)" if default else "")
-        for name, error in (("at rest", rest), ("in the second after a step", after)):
-            yield Point(f"camera's filter, {name}", knob, run_time_us, float(np.mean(error)), unit)
-
-
 def step_picture(title: str, tracks: Sequence[Track]) -> Picture:
-    """Return the plot of the filtered level around the step, a line a kind, mean of the clips."""
+    """Return the plot of the filtered level around a step up, a line a kind, mean of the clips."""
     around = np.linspace(-0.5, 1.5, 81)
 
     def draw(figure: Figure) -> None:
         axis = figure.subplots()
         for kind in MAIN_KINDS:
-            own = [each for each in tracks if each.kinds[-1] == kind]
             lines = []
-            for each in own:
-                level = each.filtered(level_filter("camera")) @ LEVELS
+            for each in tracks:
+                if each.levels[0] != 0 or each.levels[-1] != STEP or each.kinds[-1] != kind:
+                    continue
+                level = each.answers.filtered(level_filter("camera")) @ LEVELS
                 start_s = each.seconds[int(np.argmax(each.levels > 0))]
                 lines.append(np.interp(around, each.seconds - start_s, level))
             axis.plot(around, np.mean(lines, axis=0), label=kind)

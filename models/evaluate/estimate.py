@@ -40,6 +40,7 @@ from models.evaluate.camera_tables import (
     untold_table,
 )
 from models.evaluate.codecs import Image
+from models.evaluate.filter_rates import filter_results
 from models.evaluate.int8 import int8_copy
 from models.evaluate.opponents import CAMERA_PAPER_ACCURACY, opponent_points, read_opponents
 from models.evaluate.report import Goal, Point, Result, Table
@@ -49,7 +50,6 @@ from models.world.camera import WorldCamera
 from models.world.road import World
 
 UNIT = "points of level, camera"
-FILTER_UNIT = "points of level, camera's filter"
 EFFORTS = (1 / 16, 1 / 8, GLANCE, 1 / 2, 1.0, 2.0, 4.0)
 
 _DRAWS = 8
@@ -166,9 +166,10 @@ def _in_time(estimator: CameraEstimator, data: Path, every: int) -> Iterator[Res
     frames = camera_clip.clip_frames(data, camera_clip.CLIPS[0], every=every)
     shown = camera_clip.track(estimator, frames, camera_clip.scheduled(len(frames)))
     yield camera_clip.clip_picture("Camera: a real clip with a scheduled injection", shown)
-    tracks = camera_clip.steps(estimator, data, every=2 * every)
+    tracks = camera_clip.level_tracks(estimator, data, every=2 * every)
     yield camera_clip.step_picture("Camera: a step to 60 %, mean of three clips", tracks)
-    yield from camera_clip.filter_points(tracks, _filter_us(), FILTER_UNIT)
+    answers = [track.answers for track in tracks]
+    yield from filter_results("camera", answers, level_filter("camera"), _filter_us())
     yield effort_table(estimator, data, every)
 
 

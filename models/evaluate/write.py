@@ -97,8 +97,14 @@ def _draw(picture: Picture, path: Path) -> Path:
 
 
 def _plot_files(name: str, points: Sequence[Point]) -> dict[str, str]:
-    """Return the plot's file name for each unit of error, for units share no axis."""
-    units = list(dict.fromkeys(point.unit for point in points))
+    """Return the plot's file name for each unit of error, for units share no axis.
+
+    Points of one unit that all take the same time are no curve, and have no plot.
+    """
+    run_times: dict[str, list[float]] = {}
+    for point in points:
+        run_times.setdefault(point.unit, []).append(point.run_time_us)
+    units = [unit for unit, own in run_times.items() if len(own) == 1 or len(set(own)) > 1]
     return {unit: f"{name}-{number}.png" for number, unit in enumerate(units, start=1)}
 
 

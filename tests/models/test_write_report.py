@@ -26,6 +26,13 @@ def test_the_page_holds_every_point_and_goal_and_links_its_plots(tmp_path: Path)
     assert "| theirs | level=5 | 300 | 0.5 | counts |" in text
 
 
+def test_a_knob_that_costs_no_time_has_rows_but_no_plot(tmp_path: Path) -> None:
+    results = [Point("ours", f"rate={rate}", 3.0, float(rate), "m") for rate in range(3)]
+    page, *plots = write_report("things", "What it is.", results, tmp_path)
+    assert plots == []
+    assert "| ours | rate=2 | 3 | 2 | m |" in page.read_text()
+
+
 def test_rivals_for_one_task_have_their_front_marked(tmp_path: Path) -> None:
     results: list[Result] = [
         Point("ours", "small", 3.0, 2.0, "m", shipped=True),

@@ -1,0 +1,69 @@
+"""Filter rates: steadiness, reaction and lag are told apart, and rates move them as they should."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from models.estimate.filter import LevelFilter
+from models.estimate.level import LEVELS
+from models.evaluate.filter_rates import MEASURES, LevelTrack, errors, filter_results, truths
+from models.evaluate.report import Picture, Point
+
+COUNT = 100
+STAMPS_NS = np.arange(COUNT, dtype=np.int64) * 100_000_000
+
+
+def _track(levels: np.ndarray, *, blur: float, seed: int = 0) -> LevelTrack:
+    """Return answers around the true level: a bell ``blur`` points wide, as far off at random."""
+    centres = levels + np.random.default_rng(seed).normal(0.0, blur, levels.shape)
+    bells = np.exp(-(((LEVELS - centres[:, np.newaxis]) / blur) ** 2) / 2) + 1e-6
+    return LevelTrack(STAMPS_NS, levels, bells / bells.sum(axis=1, keepdims=True))
+
+
+def _tracks(blur: float) -> list[LevelTrack]:
+    return [_track(levels, blur=blur, seed=seed) for seed, levels in enumerate(truths(COUNT))]
+
+
+def test_answers_that_are_certain_have_no_error_with_a_filter_that_lets_the_level_go() -> None:
+    up, down, _ = (
+        LevelTrack(STAMPS_NS, levels, np.eye(11)[np.rint(levels / 10).astype(int)])
+        for levels in truths(COUNT)
+    )
+    at_rest, after_step, ramp = errors([up, down], lambda: LevelFilter(1.0, 1.0))
+    assert (at_rest, after_step) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert np.isnan(ramp)
+
+
+def test_a_filter_that_never_moves_misses_the_step_and_the_ramp() -> None:
+    still = errors(_tracks(15.0), lambda: LevelFilter(1e-9, 1e-9))
+    moving = errors(_tracks(15.0), lambda: LevelFilter(0.3, 0.3))
+    assert still[1] > 2 * moving[1]
+    assert still[2] > 2 * moving[2]
+
+
+def test_a_filter_that_moves_at_once_is_less_steady() -> None:
+    restless = errors(_tracks(15.0), lambda: LevelFilter(100.0, 100.0))
+    steady = errors(_tracks(15.0), lambda: LevelFilter(0.03, 0.03))
+    assert restless[0] > 2 * steady[0]
+
+
+def test_a_level_that_never_changes_is_at_rest_throughout() -> None:
+    track = _track(np.full(COUNT, 30.0), blur=5.0)
+    at_rest, after_step, ramp = errors([track], lambda: LevelFilter(0.1, 0.1))
+    assert at_rest < 5.0
+    assert np.isnan(after_step)
+    assert np.isnan(ramp)
+
+
+def test_results_hold_the_default_once_a_rate_and_a_picture() -> None:
+    shipped = LevelFilter(0.2, 0.3)
+    *points, picture = filter_results("radar", _tracks(15.0), shipped, update_us=30.0)
+    assert isinstance(picture, Picture)
+    defaults = [point for point in points if isinstance(point, Point) and "default" in point.knob]
+    assert [point.knob.split("=")[0] for point in defaults] == ["drift"] * 3 + ["jump"] * 3
+    by_measure = {
+        measure: {point.error for point in defaults if point.variant.endswith(measure)}
+        for measure in MEASURES
+    }
+    assert all(len(errors) == 1 for errors in by_measure.values())
