@@ -197,15 +197,15 @@ class RadarSensor:
         return {}
 
     def _grid_of(self, n: int) -> FloatArray:
-        """Return step, offset and last raw value of each field, (3, 5, n).
+        """Return step, offset, first and last raw value of each field, (4, 5, n).
 
         As wide as a scan's rows: NumPy takes twice as long to widen a column every time.
         """
         wide = self._grid_by_count.get(n)
         if wide is None:
-            columns = np.array([[one.step, one.offset, one.count - 1.0] for one in self.grid]).T
+            columns = np.array([[one.step, one.offset, 0, one.count - 1] for one in self.grid]).T
             wide = np.repeat(columns[:, :, None], n, axis=2)
-            if n <= self.max_clusters:
+            if n <= 2 * self.max_clusters:  # as many again, of mirror images or a jammer's ghosts
                 self._grid_by_count[n] = wide
         return wide
 
@@ -225,11 +225,11 @@ class RadarSensor:
 
     def rows_to_grid(self, rows: FloatArray) -> FloatArray:
         """Return ``to_grid`` of x, y, vx, vy and rcs at once; ``rows`` is (5, n), finite."""
-        step, offset, last = self._grid_of(rows.shape[1])
+        step, offset, first, last = self._grid_of(rows.shape[1])
         raw: FloatArray = rows - offset
         raw /= step
         np.rint(raw, out=raw)
-        np.maximum(raw, 0.0, out=raw)
+        np.maximum(raw, first, out=raw)
         np.minimum(raw, last, out=raw)
         raw *= step
         raw += offset

@@ -68,7 +68,7 @@ class Clusters:
         self.invalid_state = scan.invalid_state
         finite = np.isfinite(table)
         self.masked = 0
-        if not finite.all():
+        if np.count_nonzero(finite) < finite.size:
             usable = np.flatnonzero(finite.all(axis=0))
             self.masked = len(scan) - len(usable)
             table = table.take(usable, axis=1)
@@ -93,11 +93,13 @@ class Clusters:
         """
         distance, order = self.range, self.order
         far = np.count_nonzero(self.far)
+        if not far:
+            np.maximum.accumulate(distance, out=order)
+            return
         near = len(self) - far
         if np.count_nonzero(self.far[near:]) == far:  # as the sensor sends them
             np.maximum.accumulate(distance[:near], out=order[:near])
-            if far:
-                np.maximum.accumulate(distance[near:], out=order[near:])
+            np.maximum.accumulate(distance[near:], out=order[near:])
             return
         for part in (~self.far, self.far):
             order[part] = np.maximum.accumulate(distance[part])
@@ -125,24 +127,34 @@ class Clusters:
         self.order += distance - self.range
         self.range[:] = distance
 
-    def add(self, rows: FloatArray, lender: Index, invalid_state: NDArray[np.uint8]) -> None:
-        """Add clusters, each with the DynProp and quality of a lender already here."""
-        distance = np.hypot(rows[0], rows[1])
+    def add(self, rows: FloatArray, lender: Index, invalid_state: int | list[int]) -> None:
+        """Add clusters, each with the DynProp and quality of a lender already here.
+
+        Parameters
+        ----------
+        rows:
+            (5, m), as in ``rows``.
+        lender:
+            (m,) which clusters lend.
+        invalid_state:
+            One for all or one a cluster.
+        """
+        here, distance = len(self), np.hypot(rows[0], rows[1])
         self.far = np.concatenate([self.far, self._joins_far(distance)])
-        table = np.empty((7, len(self) + len(distance)))
-        table[:, : len(self)] = self._table
-        table[:5, len(self) :], table[5:, len(self) :] = rows, distance
+        table = np.empty((7, here + len(distance)))
+        table[:, :here] = self._table
+        table[:5, here:], table[5:, here:] = rows, distance
         self._hold(table)
         self.source = np.concatenate([self.source, self.source[lender]])
         if self.invalid_state is not None:
-            self.invalid_state = np.concatenate([self.invalid_state, invalid_state])
+            theirs = np.full(len(distance), invalid_state, np.uint8)
+            self.invalid_state = np.concatenate([self.invalid_state, theirs])
 
     def _joins_far(self, distance: FloatArray) -> Mask:
         """Return which newcomers join the far list: those beyond what the near list reaches."""
-        far = np.count_nonzero(self.far)
-        if far in (0, len(self)):
-            return np.full(len(distance), far == len(self))
-        return np.asarray(distance > self.range[~self.far].max())
+        if not np.count_nonzero(self.far):
+            return np.zeros(len(distance), np.bool_)
+        return np.asarray(distance > self.range[~self.far].max(initial=-np.inf))
 
     def sent(self) -> RadarScan:
         """Return the scan that the sensor would send.
@@ -162,17 +174,24 @@ class Clusters:
         self._take(index)
         far = int(np.count_nonzero(self.far))
         on_wire = on_grid.take(index, axis=1).astype(np.float32)
-        values: dict[str, Any] = dict(zip(_FIELDS, on_wire, strict=True))
-        values["id"] = np.arange(len(self), dtype=np.uint8)
-        values["near"], values["far"] = len(self) - far, far
-        values["invalid_state"] = self.invalid_state
-        values["frames_lost"] = scan.frames_lost + self.masked
         scan_type: Any = type(scan)
         names, get = _others(scan_type)
         source = self.source
         others = [one[source] if isinstance(one, np.ndarray) else one for one in get(scan)]
-        values.update(zip(names, others, strict=True))
-        made: RadarScan = scan_type(**values)
+        x, y, vx, vy, rcs = on_wire
+        made: RadarScan = scan_type(
+            id=np.arange(len(self), dtype=np.uint8),
+            x=x,
+            y=y,
+            vx=vx,
+            vy=vy,
+            rcs=rcs,
+            near=len(self) - far,
+            far=far,
+            invalid_state=self.invalid_state,
+            frames_lost=scan.frames_lost + self.masked,
+            **dict(zip(names, others, strict=True)),
+        )
         return made
 
 

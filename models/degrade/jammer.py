@@ -162,14 +162,15 @@ def _burst(jammer: Jammer, clusters: Clusters, generator: np.random.Generator) -
     reach = float(clusters.range.max()) + 10.0 - sensor.range_min_m
     distance = sensor.range_min_m + reach * uniform[0]
     near, far = sensor.near_azimuth_resolution_deg[0], sensor.far_azimuth_resolution_deg
-    width = sensor.far_azimuth_std_deg + np.where(sensor.is_near(distance), near, far) / 2
+    narrow = sensor.far_azimuth_std_deg
+    width = np.where(sensor.is_near(distance), narrow + near / 2, narrow + far / 2)
     aim = jammer.azimuth_deg + width * generator.standard_normal(jammer.ghosts)
     azimuth = aim * _RADIANS
-    radial = BURST_SPEED * (2 * uniform[1] - 1)
-    x, y = np.cos(azimuth), np.sin(azimuth)
-    rcs = np.sort(clusters.rows[4])[loud]
-    rows = np.array([distance * x, distance * y, radial * x, radial * y, rcs])
-    clusters.add(rows, lender, np.full(jammer.ghosts, 12, np.uint8))
+    radial = 2 * BURST_SPEED * (uniform[1] - 0.5)
+    sight = np.array([np.cos(azimuth), np.sin(azimuth)])
+    rcs = np.sort(clusters.rows[4]).take(loud)
+    rows = np.concatenate([distance * sight, radial * sight, rcs[None]])
+    clusters.add(rows, lender, 12)
 
 
 def _pull(jammer: Jammer, clusters: Clusters) -> None:

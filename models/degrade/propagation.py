@@ -170,8 +170,8 @@ def _add_images(propagation: Propagation, clusters: Clusters) -> None:
         lender.append(source[inside])
     found = np.concatenate(images, axis=1)
     (heard,) = _heard(found, clusters).nonzero()
-    states = np.full(len(heard), GHOST_INVALID_STATES[0], np.uint8)
-    clusters.add(found.take(heard, axis=1), np.concatenate(lender)[heard], states)
+    lenders = np.concatenate(lender)[heard]
+    clusters.add(found.take(heard, axis=1), lenders, GHOST_INVALID_STATES[0])
 
 
 def _heard(rows: FloatArray, clusters: Clusters) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

@@ -284,5 +284,5 @@ def _add_ghosts(clusters: Clusters, ghosts: tuple[Ghost, ...]) -> None:
         x, y = math.cos(azimuth), math.sin(azimuth)
         radial = vx * x + vy * y
         rows.append((distance * x, distance * y, radial * x, radial * y, rcs))
-    states = np.array([ghost.invalid_state for ghost in ghosts], np.uint8)
+    states = [ghost.invalid_state for ghost in ghosts]
     clusters.add(np.array(rows).T, np.array(lenders), states)
