@@ -36,6 +36,9 @@ _HALVE_FROM = 11
 
 _TABLES = 16
 _BINOMIAL = np.array([0.25, 0.5, 0.25])
+_GAIN_STEPS = 1024
+"""Gains are multiples of one of so many: up to four, every product and sum of 255 times the kernel
+then has no more than the 24 bits of a float32, whose result no processor rounds another way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +54,7 @@ class Blur:
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """Light times ``gain`` through the kernel [1 2 1; 2 4 2; 1 2 1] / 16."""
+    """Light times ``gain``, a multiple of 1/1024, through the kernel [1 2 1; 2 4 2; 1 2 1] / 16."""
 
     kind: str
     level: float
@@ -114,8 +117,8 @@ def draw(
         return Noise(kind, level, N if method == "published" else N * std_max, seed, method)
     if method == "published":
         raise InputError(f"method of {kind}", "no published variant", "fast or exact")
-    gain = 1 + 3 * N
-    return Exposure(kind, level, gain if kind == "over" else 1 / gain, method)
+    gain = 1 + 3 * N if kind == "over" else 1 / (1 + 3 * N)
+    return Exposure(kind, level, round(gain * _GAIN_STEPS) / _GAIN_STEPS, method)
 
 
 def apply(degradation: CameraDegradation, image: Image) -> Image:
