@@ -115,10 +115,10 @@ def _gaussian(image: Any, multichannel: bool = False, **options: Any) -> Any:
 
 
 def main(path: str, repeats: int) -> None:
-    """Time every corruption on the image that ``path`` (.npy) holds."""
+    """Time every corruption on the image in ``path`` (.npz)."""
     warnings.simplefilter("ignore")
     cv2.setNumThreads(1)
-    image = np.load(path)
+    image = np.load(path)["image"]
     for pair in PAIRS:
         record: dict[str, Any] = {}
         try:

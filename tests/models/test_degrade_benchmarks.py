@@ -10,6 +10,7 @@ from dbc.errors import InputError
 from models.degrade.kinds import KINDS
 from models.evaluate import degrade, peers, stability
 from models.evaluate.report import Goal, Point, Table
+from models.evaluate.samples import textured_image
 
 
 def test_nothing_fails_at_the_extremes():
@@ -41,8 +42,9 @@ def test_the_benchmark_measures_every_kind_and_leaves_opencv_as_it_was():
     ]
     assert len(accuracy) == 4
     (codec,) = (r for r in results if isinstance(r, Table) and r.title.startswith("JPEG"))
-    for *_, encoding, decoding, whole in codec.rows:
+    for *_, encoding, decoding, whole, overhead in codec.rows:
         assert encoding + decoding == pytest.approx(whole, rel=0.5)
+        assert whole == pytest.approx((encoding + decoding) * (1 + overhead / 100))
     (radar,) = (r for r in results if isinstance(r, Table) and r.title.startswith("Radar"))
     assert {row[0] for row in radar.rows} == set(KINDS["radar"])
     assert all(goal.met for goal in accuracy if "beats" not in goal.name), accuracy
@@ -75,6 +77,20 @@ def test_peers_are_compared_where_they_are(monkeypatch, tmp_path):
     assert (goal.goal, goal.met) == (20.0, False)
     assert "same codec" in codec.name
     assert "jpeg" in codec.name
+
+
+def test_codecs_of_the_same_library_give_our_picture():
+    """Those of this interpreter."""
+    found = peers.codecs(textured_image(90, 160), sys.executable, quick=True)
+    rows = {(codec, quality): times for codec, quality, *times in found.rows}
+    qualities = {quality for _, quality in rows}
+    assert len(qualities) == 2
+    for codec in ("OpenCV", "Pillow, as imagecorruptions calls it"):
+        for quality in qualities:
+            encoding, decoding, difference = rows[codec, quality]
+            assert encoding > 0
+            assert decoding > 0
+            assert difference == 0
 
 
 def test_without_peers_nothing_is_compared_and_a_wrong_one_is_named(monkeypatch, tmp_path):
