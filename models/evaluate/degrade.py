@@ -185,7 +185,9 @@ def _jpeg(quick: bool) -> Iterator[Result]:
         reference, knob = exact(drawn, small), f"level={level:g}"
         yield Point("jpeg", knob, whole, _rms(imager.apply(drawn, small), reference), unit)
         overhead = 100 * (whole / sum(times) - 1)
-        rows.append((f"{level:g} %", drawn.quality, *(us / 1e3 for us in (*times, whole)), overhead))
+        rows.append(
+            (f"{level:g} %", drawn.quality, *(us / 1e3 for us in (*times, whole)), overhead)
+        )
         if level == 60:
             tables = quantisation_tables(stream)
             time_us = cpu_time_us(partial(without_codec, image, *tables), quick)
