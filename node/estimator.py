@@ -15,6 +15,7 @@ from models.estimate.calibration import Calibration
 from models.estimate.filter import level_filter
 from models.estimate.level import LEVELS, Estimate, NoiseLevel
 from models.estimate.smooth import KindFilter, agreeing
+from node.pace import CLOCK_STEP_NS
 from node.scene import SensorType
 
 KIND_TIME_CONSTANT_S = 0.3
@@ -114,9 +115,15 @@ class Estimator:
             load_adaptive(sensor_type) if adaptive else load_follower(sensor_type)
         )
         self._correction = Calibration.read(calibration, sensor_type) if calibration else None
-        self._levels = level_filter(sensor_type)
-        self._kinds = KindFilter(KIND_TIME_CONSTANT_S)
+        self._sensor_type = sensor_type
         self._raw = 0.0
+        self._start_anew()
+
+    def _start_anew(self) -> None:
+        """Forget what the filters know, whose stamps are of another time."""
+        self._levels = level_filter(self._sensor_type)
+        self._kinds = KindFilter(KIND_TIME_CONSTANT_S)
+        self._newest_ns: int | None = None
 
     def estimate(
         self,
@@ -128,6 +135,8 @@ class Estimator:
     ) -> NoiseLevel:
         """Return the noise level at a Frame or RadarScan.
 
+        Where the sensor's clock was set back, the filters start anew.
+
         Parameters
         ----------
         arrival_ns:
@@ -135,6 +144,9 @@ class Estimator:
         injected, dropped:
             The message's history; see ``NoiseLevel``.
         """
+        if self._newest_ns is not None and message.stamp_ns < self._newest_ns - CLOCK_STEP_NS:
+            self._start_anew()
+        self._newest_ns = max(message.stamp_ns, self._newest_ns or message.stamp_ns)
         estimate = self._look(message)
         if estimate is None:
             probabilities = self._levels.predict(message.stamp_ns)

@@ -7,6 +7,8 @@ from threading import Lock
 from time import time_ns
 from typing import Literal
 
+from node.pace import CLOCK_STEP_NS
+
 State = Literal["never_seen", "ok", "stale", "lost"]
 
 SILENT_CYCLES = 3
@@ -56,7 +58,9 @@ class Health:
         self._lock = Lock()
 
     def seen(self, now_s: float, stamp_ns: int) -> SensorEvent | None:
-        """Take in a message; return an event where it ends a silence, noticed before or not.
+        """Take in a message; return an event where it is news.
+
+        That is where it ends a silence, noticed before or not, or shows a clock that was set back.
 
         Parameters
         ----------
@@ -66,11 +70,14 @@ class Health:
         with self._lock:
             before = self.state
             silence_s = now_s - (self._start_s if self._last_s is None else self._last_s)
+            interval_ns = 0 if self._stamp_ns is None else stamp_ns - self._stamp_ns
             if self._stamp_ns is not None:
-                self._learn((stamp_ns - self._stamp_ns) * 1e-9)
+                self._learn(interval_ns * 1e-9)
             self.state, self._last_s, self._stamp_ns = "ok", now_s, stamp_ns
         if before == "never_seen":
             return self._event(f"first message after {silence_s:.2f} s")
+        if interval_ns < -CLOCK_STEP_NS:
+            return self._event(f"its clock was set back by {-interval_ns * 1e-9:.2f} s")
         if before == "ok" and not self._is_too_long(silence_s):
             return None
         return self._event(f"back after {silence_s:.2f} s")

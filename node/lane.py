@@ -110,7 +110,8 @@ class Lane:
     def _queue_messages(self, stop: Event) -> None:
         """Read the source, keep its pace, and queue what the worker shall estimate."""
         objects_only = False
-        pace = Pace(None if self._clock.fast or self.source.live else self._clock.speed)
+        live = self.source.live
+        pace = Pace(None if self._clock.fast or live else self._clock.speed, live=live)
         for message in _looped(self.source, self._clock.loop and not self.source.live):
             if stop.is_set():
                 return

@@ -11,6 +11,7 @@ import numpy as np
 from drivers.frame import Frame
 from drivers.scan import RadarScan
 from models.estimate.level import NoiseLevel
+from node.pace import CLOCK_STEP_NS
 
 LATENCIES_KEPT = 65536
 
@@ -31,6 +32,10 @@ class SensorStatistics:
         Messages that made room for newer ones.
     frames_lost, cycles_lost:
         CAN frames missing from scans, and whole radar cycles missing between scans.
+    clock_set_back:
+        How often the stamps of the source went back by more than a second.
+    late:
+        Messages with a stamp a little before the newest: they change no filtered level.
     left_aside:
         Messages that came while the node was inactive.
     failures:
@@ -47,6 +52,8 @@ class SensorStatistics:
     dropped_by_queue: int = 0
     frames_lost: int = 0
     cycles_lost: int = 0
+    clock_set_back: int = 0
+    late: int = 0
     left_aside: int = 0
     failures: int = 0
     reading_cpu_s: float = 0.0
@@ -69,6 +76,9 @@ class SensorStatistics:
         self.dropped_by_source = message.dropped
         if self.first_stamp_ns is None:
             self.first_stamp_ns = message.stamp_ns
+        behind_ns = self.last_stamp_ns - message.stamp_ns
+        self.clock_set_back += behind_ns > CLOCK_STEP_NS
+        self.late += 0 < behind_ns <= CLOCK_STEP_NS
         self.last_stamp_ns = message.stamp_ns
         if isinstance(message, RadarScan):
             self.frames_lost += message.frames_lost
@@ -100,8 +110,9 @@ class SensorStatistics:
             )
         }
         record["cpu_s"] = round(self.reading_cpu_s + self.working_cpu_s, 3)
-        if self.left_aside:
-            record["left_aside"] = self.left_aside
+        for name in ("clock_set_back", "late", "left_aside"):
+            if getattr(self, name):
+                record[name] = getattr(self, name)
         if self.events:
             record["events"] = dict(self.events)
         if self.first_stamp_ns is not None and self.last_stamp_ns > self.first_stamp_ns:

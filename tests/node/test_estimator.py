@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from drivers.scan import RadarScan
 from models.estimate.level import NoiseLevel
@@ -50,3 +51,25 @@ def test_same_scans_same_answers_whatever_came_before_a_long_silence() -> None:
         first, second = level_of(fresh, scan), level_of(used, scan)
         assert first.raw == second.raw
         np.testing.assert_allclose(first.probabilities, second.probabilities, atol=1e-6)
+
+
+@pytest.mark.parametrize("adaptive", [False, True])
+def test_a_clock_set_back_does_not_hold_the_level(adaptive: bool) -> None:
+    clean = simulated_drive(SEED + 3, 50, 28).scans
+    estimator = Estimator("radar", adaptive=adaptive)
+    for index, scan in enumerate(clean):
+        later_ns = 0 if index >= 14 else 3600 * 10**9
+        noisy = degraded(scan, "snr", 80.0 * (index >= 14), seed=4)
+        last = level_of(estimator, replace(noisy, stamp_ns=scan.stamp_ns + later_ns))
+        if index == 13:
+            assert last.level < 10.0
+    assert abs(last.level - 80.0) < 15.0
+
+
+def test_a_message_a_little_late_changes_nothing() -> None:
+    clean = simulated_drive(SEED + 3, 50, 3).scans
+    estimator = Estimator("radar")
+    level_of(estimator, clean[0])
+    before = level_of(estimator, clean[2])
+    after = level_of(estimator, degraded(clean[1], "snr", 100.0, seed=5))
+    np.testing.assert_array_equal(after.probabilities, before.probabilities)

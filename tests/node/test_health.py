@@ -90,3 +90,14 @@ def test_a_sensor_that_slows_down_is_soon_no_longer_silent() -> None:
     events = [health.seen(then, stamp_ns(then)) for then in later]
     assert events[0] is not None
     assert events[20:] == [None] * 19
+
+
+def test_a_clock_that_was_set_back_is_told() -> None:
+    health = Health("radar", 0.0)
+    for n in range(5):
+        health.seen(0.07 * n, 10**12 + 70_000_000 * n)
+    told = health.seen(0.35, 10**12 - 3600 * 10**9)
+    assert told is not None
+    assert told.state == "ok"
+    assert "set back by 3600" in told.detail
+    assert health.seen(0.42, 10**12 - 3600 * 10**9 + 70_000_000) is None
