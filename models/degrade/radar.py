@@ -132,7 +132,7 @@ def draw(
     seed = int(key.generator(f"radar {kind}").bit_generator.random_raw())
     ghosts: tuple[Ghost, ...] = ()
     if kind in ("snr", "ghosts") and level > 0:
-        life = DrawKey(key.seed, key.sensor, key.sequence // ghost_life)
+        life = DrawKey(key.seed, key.sensor, key.sequence // int(ghost_life))
         ghosts = _draw_ghosts(life.generator(f"radar ghosts of {kind}"))
     return RadarDegradation(kind, level, level / 100 * snr_drop_db, seed, ghosts, quality)
 

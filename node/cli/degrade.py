@@ -13,7 +13,7 @@ import typer
 from node.cli.output import emit, plain_console
 
 if TYPE_CHECKING:
-    from node.dataset.job import Done
+    from node.dataset.job import Done, Job
     from node.dataset.plan import Plan
 
 
@@ -92,11 +92,17 @@ def _option(text: str) -> tuple[str, int | float | str]:
 
 
 def _run(plan: Plan, scheduler: str | None, *, json: bool) -> None:
-    from node.dataset.labels import write_labels
-    from node.dataset.plan import begin
-    from node.dataset.workers import dask_workers, do_jobs, local_workers
+    from node.dataset.plan import alone_in, begin
 
     jobs = begin(plan)
+    with alone_in(plan.output):
+        _do(plan, jobs, scheduler, json=json)
+
+
+def _do(plan: Plan, jobs: list[Job], scheduler: str | None, *, json: bool) -> None:
+    from node.dataset.labels import write_labels
+    from node.dataset.workers import dask_workers, do_jobs, local_workers
+
     finished = messages = 0
     complete = False
     try:

@@ -15,7 +15,7 @@ from dbc.errors import InputError
 from models.degrade.draw import DrawKey
 from models.degrade.kinds import module_of
 from node.dataset.depth import read_depth_map
-from node.dataset.sources import MESSAGES, SENSOR_TYPE, Source
+from node.dataset.sources import SENSOR_TYPE, Source
 
 STATE = ".murk"
 """Folder in the output that holds how far a run is."""
@@ -54,22 +54,32 @@ class Job:
 
     @property
     def labels(self) -> Path:
-        """The job's own labels: where they are, the job is done."""
+        """The job's own labels, below a line that says of what: where they are, the job is done."""
         return self.output / STATE / "labels" / f"{self.target}.jsonl"
 
-    def is_done(self) -> bool:
-        """Tell whether file and labels are there, and are of this job.
+    def origin(self) -> dict[str, Any]:
+        """Return what shows that the source, or its depth map, is another one than it was.
 
-        Where files came or went since, a single image or scan may have another number.
+        Where files came or went since, a single image or scan has another number.
+
+        Raises
+        ------
+        OSError
+            If one of them is gone.
         """
+        stats = [path.stat() for path in (self.source.path, self.depth) if path]
+        sizes_and_times = [[stat.st_size, stat.st_mtime_ns] for stat in stats]
+        return {"sequence": self.source.sequence, "sizes_and_times": sizes_and_times}
+
+    def is_done(self) -> bool:
+        """Tell whether file and labels are there, and are of this job and of what is there now."""
         if not (self.output / self.target).exists():
             return False
         try:
             with self.labels.open(encoding="utf-8") as file:
-                sequence = json.loads(file.readline())["sequence"]
+                return bool(json.loads(file.readline()) == self.origin())
         except FileNotFoundError:
             return False
-        return self.source.form in MESSAGES or sequence == self.source.sequence
 
     def degrade(self, data: Any, sensor: str, sequence: int) -> tuple[Any, dict[str, Any]]:
         """Degrade one image or scan; return it and its label.
@@ -123,8 +133,10 @@ def run_job(job: Job) -> Done:
     form = import_module(f"node.dataset.{job.source.form.partition('_')[0]}")
     target = job.output / job.target
     try:
+        origin = job.origin()
         labels = _into_place(target, lambda path: form.degrade(job, path), job.output)
-        text = "".join(json.dumps(label, allow_nan=False) + "\n" for label in labels)
+        lines = [origin, *labels]
+        text = "".join(json.dumps(line, allow_nan=False) + "\n" for line in lines)
         _into_place(job.labels, lambda path: path.write_text(text, encoding="utf-8"), job.output)
     except OSError as error:
         where = error.filename or target

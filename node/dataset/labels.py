@@ -61,4 +61,5 @@ def _write_table(jobs: list[Job], path: Path) -> None:
 def _rows(jobs: list[Job]) -> Iterator[str]:
     for job in jobs:
         with job.labels.open(encoding="utf-8") as file:
+            next(file)  # of what they are
             yield from file

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import product
@@ -127,13 +129,35 @@ def begin(plan: Plan) -> list[Job]:
     """
     path = plan.output / STATE / _SETTINGS
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = path.with_suffix(".part")
-        unfinished.write_text(json.dumps(plan.settings) + "\n", encoding="utf-8")
-        unfinished.replace(path)
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            unfinished = path.with_suffix(".part")
+            unfinished.write_text(json.dumps(plan.settings) + "\n", encoding="utf-8")
+            unfinished.replace(path)
     except OSError as error:
         raise InputError(plan.output, str(error.strerror).lower(), "choose another") from None
     return [job for job in plan.jobs if not job.is_done()]
+
+
+@contextmanager
+def alone_in(output: Path) -> Iterator[None]:
+    """Keep other runs out of an output that ``begin`` has begun; a killed one keeps nobody out.
+
+    Raises
+    ------
+    InputError
+        If another run is at work there.
+    """
+    try:
+        held = (output / STATE / _SETTINGS).open("r+")  # NFS locks what is open for writing
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        held.close()
+        raise InputError(output, "another run is at work there", "wait for its end") from None
+    except OSError as error:
+        raise InputError(output, str(error.strerror).lower(), "choose another") from None
+    with held:
+        yield
 
 
 def _check_kinds(sources: list[Source], kinds: list[str]) -> list[str]:

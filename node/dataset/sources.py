@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Literal
 
 from dbc.errors import InputError
-from drivers.camera import IMAGE_SUFFIXES, VIDEO_SUFFIXES
+from drivers.camera import IMAGE_SUFFIXES, VIDEO_SUFFIXES, natural_key
 from drivers.can_log import CANDUMP_SUFFIXES
 from node.recording import is_recording, sensor_topics
 from node.scene import SensorType
@@ -51,8 +52,9 @@ class Source:
     form:
         What it is.
     sensor, sequence:
-        For the draws: the sensor's name, and of a single image or scan its number. A file is a
-        sensor of its own, but in nuScenes a folder is a sensor and its files are its messages.
+        For the draws: the sensor's name, and of a single image or scan its number. A file of many
+        messages is a sensor of its own; single ones are the messages of one sensor a folder, by
+        name, and in nuScenes of one a channel, samples and sweeps together.
     """
 
     path: Path
@@ -88,21 +90,30 @@ def find_sources(path: Path) -> tuple[list[Source], int]:
             raise InputError(path, f"{path.suffix or 'a file without suffix'} is not understood",
                              f"expected {_UNDERSTOOD}")  # fmt: skip
         return [Source(path, _target(path.name, form), form, path.name) for form in forms], 0
-    files = [name for name in _walk(path) if not _is_foreign(path, name)]
+    in_nuscenes = _is_nuscenes(path)
+    files = [name for name in _walk(path) if not in_nuscenes or _is_of_sensor(name)]
     known = {name: forms for name in files if (forms := _forms(path / name, alone=False))}
     if not known:
         raise InputError(path, "holds nothing that is understood", f"expected {_UNDERSTOOD}")
-    messages: dict[str, int] = {}
+    counts = Counter[tuple[str, Form]]()
     sources = []
-    for name, forms in known.items():
-        sensor, sequence = name, 0
-        if _is_nuscenes(path):
-            sensor = name.rpartition("/")[0]
-            sequence = messages[sensor] = messages.get(sensor, -1) + 1
-        sources += [
-            Source(path / name, _target(name, form), form, sensor, sequence) for form in forms
-        ]
-    return sources, len(files) - len(known)
+    for name in sorted(known, key=lambda name: natural_key(PurePosixPath(name).name)):
+        for form in known[name]:
+            sensor, sequence = name, 0
+            if form not in MESSAGES:
+                sensor = _folder(path, name, in_nuscenes)
+                sequence = counts[sensor, form]
+                counts[sensor, form] += 1
+            sources.append(Source(path / name, _target(name, form), form, sensor, sequence))
+    return sorted(sources, key=lambda source: source.path), len(files) - len(known)
+
+
+def _folder(path: Path, name: str, in_nuscenes: bool) -> str:
+    """Return the sensor's name of a single image or scan: its channel, or its folder."""
+    parts = PurePosixPath(name).parts
+    if in_nuscenes:
+        return parts[1]
+    return "/".join(parts[:-1]) or path.name
 
 
 def _walk(folder: Path) -> list[str]:
@@ -134,11 +145,10 @@ def _is_nuscenes(folder: Path) -> bool:
     return any((folder / "samples").glob("CAM_*")) or any((folder / "samples").glob("RADAR_*"))
 
 
-def _is_foreign(folder: Path, name: str) -> bool:
-    """Whether a file of nuScenes is of no camera and no radar: maps, lidar."""
+def _is_of_sensor(name: str) -> bool:
+    """Whether a file of nuScenes is of a camera or a radar; maps and lidar are of none."""
     part, _, rest = name.partition("/")
-    ours = part in _NUSCENES_PARTS and rest.startswith(_NUSCENES_SENSORS)
-    return _is_nuscenes(folder) and not ours
+    return part in _NUSCENES_PARTS and rest.startswith(_NUSCENES_SENSORS)
 
 
 def _forms(path: Path, *, alone: bool) -> tuple[Form, ...]:

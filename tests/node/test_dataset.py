@@ -24,7 +24,7 @@ from models.degrade import camera
 from models.degrade.draw import DrawKey
 from node.dataset.job import run_job
 from node.dataset.labels import write_labels
-from node.dataset.plan import ALL_LEVELS, begin, make_plan
+from node.dataset.plan import ALL_LEVELS, alone_in, begin, make_plan
 from node.dataset.sources import find_sources
 from node.dataset.workers import do_jobs, local_workers
 from tests.node.datasets import murk, one_line, run_all, tree
@@ -45,18 +45,35 @@ def test_every_file_of_a_folder_is_found(small: Path) -> None:
     assert ignored == 1
 
 
-def test_in_nuscenes_a_folder_is_a_sensor_and_lidar_is_passed_over(tmp_path: Path) -> None:
-    names = ["samples/CAM_FRONT/b.jpg", "samples/CAM_FRONT/a.jpg", "samples/RADAR_FRONT/a.pcd"]
-    for name in [*names, "samples/LIDAR_TOP/a.pcd", "maps/city.png", "sweeps/RADAR_FRONT/c.pcd"]:
+def test_in_nuscenes_a_channel_is_a_sensor_and_lidar_is_passed_over(tmp_path: Path) -> None:
+    names = ["samples/CAM_FRONT/b.jpg", "samples/CAM_FRONT/a.jpg", "samples/RADAR_FRONT/b.pcd"]
+    names += ["sweeps/RADAR_FRONT/c.pcd", "sweeps/RADAR_FRONT/a.pcd"]
+    for name in [*names, "samples/LIDAR_TOP/a.pcd", "maps/city.png"]:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     sources, _ = find_sources(tmp_path)
     assert [(source.target, source.sensor, source.sequence) for source in sources] == [
-        ("samples/CAM_FRONT/a.jpg", "samples/CAM_FRONT", 0),
-        ("samples/CAM_FRONT/b.jpg", "samples/CAM_FRONT", 1),
-        ("samples/RADAR_FRONT/a.pcd", "samples/RADAR_FRONT", 0),
-        ("sweeps/RADAR_FRONT/c.pcd", "sweeps/RADAR_FRONT", 0),
+        ("samples/CAM_FRONT/a.jpg", "CAM_FRONT", 0),
+        ("samples/CAM_FRONT/b.jpg", "CAM_FRONT", 1),
+        ("samples/RADAR_FRONT/b.pcd", "RADAR_FRONT", 1),
+        ("sweeps/RADAR_FRONT/a.pcd", "RADAR_FRONT", 0),
+        ("sweeps/RADAR_FRONT/c.pcd", "RADAR_FRONT", 2),
     ]
+
+
+def test_elsewhere_a_folder_is_a_sensor_and_a_file_of_many_messages_is_one(tmp_path: Path) -> None:
+    for name in ("10.jpg", "9.jpg", "9.pcd", "left/1.jpg", "left/drive.mp4", "radar.log"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    sources, _ = find_sources(tmp_path)
+    assert {source.target: (source.sensor, source.sequence) for source in sources} == {
+        "9.jpg": (tmp_path.name, 0),
+        "10.jpg": (tmp_path.name, 1),
+        "9.pcd": (tmp_path.name, 0),
+        "left/1.jpg": ("left", 0),
+        "left/drive.mp4": ("left/drive.mp4", 0),
+        "radar.log": ("radar.log", 0),
+    }
 
 
 def test_a_name_that_is_no_text_is_refused(tmp_path: Path) -> None:
@@ -150,7 +167,7 @@ def test_every_kind_can_be_written_and_read_again(small: Path, tmp_path: Path) -
     for label in labels:
         assert label["drawn"]["kind"] == label["kind"]
         path = plan.output / label["file"]
-        if label["sensor"] == "samples/CAM_FRONT":
+        if label["sensor"] == "CAM_FRONT":
             assert cv2.imread(str(path)) is not None
         else:
             points = read_cloud(path).points
@@ -184,6 +201,37 @@ def test_what_is_done_is_not_done_again(small: Path, tmp_path: Path) -> None:
     assert begin(again) == plan.jobs[1:]
     (plan.output / first.target).unlink()
     assert begin(again) == plan.jobs
+
+
+@pytest.mark.parametrize("replaced", ["in/left/1.png", "depth/left/1.npy"])
+def test_a_file_whose_source_was_replaced_is_done_again(
+    small: Path, tmp_path: Path, replaced: str
+) -> None:
+    for name in ("1", "2"):
+        image, depth = tmp_path / f"in/left/{name}.png", tmp_path / f"depth/left/{name}.npy"
+        for path in (image, depth):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        image.write_bytes((small / "day" / "left" / "2.png").read_bytes())
+        np.save(depth, np.full((90, 160), 50.0, np.float32))
+
+    def left() -> list[str]:
+        plan = make_plan(tmp_path / "in", tmp_path / "out", ["fog"], [50], 1,
+                         depth=tmp_path / "depth")  # fmt: skip
+        return [job.target for job in begin(plan)]
+
+    run_all(make_plan(tmp_path / "in", tmp_path / "out", ["fog"], [50], 1,
+                      depth=tmp_path / "depth"))  # fmt: skip
+    assert left() == []
+    os.utime(tmp_path / replaced, ns=(1, 1))
+    assert left() == ["left/1.png"]
+
+
+def test_a_second_run_into_the_same_folder_is_refused(small: Path, tmp_path: Path) -> None:
+    begin(make_plan(small / "day", tmp_path / "out", ["blur"], [10], 1))
+    command = (small / "day", tmp_path / "out", "--kind=blur", "--level=10")
+    with alone_in(tmp_path / "out"):
+        assert "another run" in one_line(murk(*command))
+    assert murk(*command).returncode == 0
 
 
 def test_other_settings_into_a_half_done_folder_are_refused(small: Path, tmp_path: Path) -> None:
@@ -238,7 +286,7 @@ def test_a_kind_that_no_file_can_have_is_refused(small: Path, tmp_path: Path) ->
 def test_a_bad_file_is_named_and_the_others_are_done(small: Path, tmp_path: Path) -> None:
     source = tmp_path / "in"
     source.mkdir()
-    (source / "a.jpg").write_bytes(b"no image")
+    (source / "z.jpg").write_bytes(b"no image")
     (source / "b.log").write_text("(0000000000.000000) can0 123#00\nnonsense\n")
     (source / "c.jpg").write_bytes((small / "day" / "1.jpg").read_bytes())
     (source / "d.pcd").write_bytes(b"no cloud")
@@ -248,12 +296,12 @@ def test_a_bad_file_is_named_and_the_others_are_done(small: Path, tmp_path: Path
     flags = ("--kind=blur", "--kind=snr", "--level=50", "--json")
     result = murk(source, tmp_path / "out", *flags)
     line = one_line(result)
-    assert "a.jpg" in line
+    assert "e.mp4" in line
     assert "4 other files" in line
     *done, summary = map(json.loads, result.stdout.splitlines())
     assert {one["file"] for one in done} == {"blur_50/c.jpg", "snr_50/f.log"}
     assert (summary["complete"], summary["left"]) == (False, 6)
-    for name in ("a.jpg", "b.log", "d.pcd", "e.mp4", "g.mcap"):
+    for name in ("z.jpg", "b.log", "d.pcd", "e.mp4", "g.mcap"):
         (source / name).unlink()
     summary = json.loads(murk(source, tmp_path / "out", *flags).stdout)
     assert (summary["complete"], summary["files"], summary["skipped"]) == (True, 0, 2)

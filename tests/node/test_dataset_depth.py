@@ -39,7 +39,7 @@ def test_weather_by_a_depth_map(small: Path, tmp_path: Path, name: str) -> None:
                   "--depth", depth, "--horizon=0.4")  # fmt: skip
     assert result.returncode == 0, result.stderr
     image = np.asarray(cv2.imread(str(source / "left" / "2.png")), np.uint8)
-    drawn = weather.draw("fog", 50, DrawKey(1, "left/2.png", 0), horizon=0.4)
+    drawn = weather.draw("fog", 50, DrawKey(1, "left", 0), horizon=0.4)
     label = json.loads((tmp_path / "out" / "labels.jsonl").read_text().splitlines()[0])
     assert label["drawn"]["horizon"] == 0.4
     written = cv2.imread(str(tmp_path / "out" / "fog_50" / "left" / "2.png"))
