@@ -56,9 +56,9 @@ def read_image(path: Path) -> NDArray[np.uint8] | None:
     """Return an image as (height, width, 3) uint8 BGR, or None if it cannot be read or decoded."""
     try:
         content = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError:
+        image = cv2.imdecode(content, cv2.IMREAD_COLOR) if content.size else None
+    except (OSError, cv2.error):  # OpenCV raises at a header that promises too large a picture
         return None
-    image = cv2.imdecode(content, cv2.IMREAD_COLOR) if content.size else None
     return None if image is None else image.astype(np.uint8, copy=False)
 
 

@@ -59,6 +59,7 @@ _FIXED = {
     "HEIGHT": "1",
     "DATA": "binary",
 }
+_STAMP = re.compile(r"__(\d{16})$")
 _LONGEST_HEADER = 4096
 _FAR_STEP_M = 1.0
 """Ranges within a list step back by less (rounding to the CAN grid); from near to far by more."""
@@ -152,8 +153,9 @@ def cloud_bytes(cloud: RadarCloud) -> bytes:
 
 
 def scan_of(cloud: RadarCloud, sensor: str, sequence: int, path: Path) -> CloudScan:
-    """Return a cloud as a scan; ``path`` is for the error. It has no stamp: 0.
+    """Return a cloud as a scan; ``path`` is for the error and the stamp.
 
+    The stamp is the microseconds that the data set's file names end with; 0 without them.
     Where the near list ends is not in the file: it is told by the range that steps back.
 
     Raises
@@ -171,7 +173,7 @@ def scan_of(cloud: RadarCloud, sensor: str, sequence: int, path: Path) -> CloudS
         sensor=sensor,
         sensor_id=0,
         sequence=sequence,
-        stamp_ns=0,
+        stamp_ns=_stamp_ns(path),
         stamp_source="file",
         mode="cluster",
         meas_counter=0,
@@ -193,6 +195,11 @@ def with_scan(cloud: RadarCloud, scan: CloudScan) -> RadarCloud:
     for name in ("id", *FLOATS, *CODES):
         points[name] = getattr(scan, name)
     return replace(cloud, points=points)
+
+
+def _stamp_ns(path: Path) -> int:
+    stamp = _STAMP.search(path.stem)
+    return int(stamp[1]) * 1000 if stamp else 0
 
 
 def _near(distance: NDArray[np.float32]) -> int:

@@ -34,7 +34,7 @@ def open_video(path: Path, sensor: str) -> VideoFile:
         If the file cannot be read, is not a video, or not one of its frames decodes.
     """
     try:
-        container = av.open(str(path.absolute()))
+        container = av.open(str(path.absolute()), metadata_errors="replace")
     except OSError as error:
         raise VideoError(path, str(error.strerror).lower(), "expected a video file") from error
     except av.FFmpegError as error:
@@ -54,8 +54,9 @@ class VideoFile(Recording):
     Attributes
     ----------
     dropped:
-        Frames so far that the file holds and that do not decode, or only with parts made up.
-        They are left out; ``Frame.sequence`` counts them.
+        Frames so far that the file holds and that do not decode, or only with parts made up; at
+        the end also those that its header promised and that never came. They are left out;
+        ``Frame.sequence`` counts them.
     """
 
     def __init__(self, path: Path, sensor: str, container: InputContainer) -> None:
@@ -70,8 +71,9 @@ class VideoFile(Recording):
         self._container.close()
 
     def _decode(self) -> Iterator[Frame]:
-        delivered = 0
+        delivered = discarded = 0
         for packet in self._packets():
+            discarded += packet.is_discard
             if packet.pts is not None and not packet.is_discard:
                 heappush(self._pending, packet.pts)
             try:
@@ -87,6 +89,7 @@ class VideoFile(Recording):
                 yield self._frame(picture, delivered + self.dropped)
                 delivered += 1
         self.dropped += len(self._pending)
+        self.dropped += max(0, self._stream.frames - delivered - discarded - self.dropped)
 
     def _packets(self) -> Iterator[Packet[VideoStream]]:
         try:

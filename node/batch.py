@@ -54,6 +54,8 @@ class Row:
         The file that it came from, below the path that was given; of a recording with the topic.
     group:
         The folder of single images and scans, else the source.
+    sensor:
+        The message's own: a log may hold several.
     sequence, stamp_ns:
         The message's own; single images and scans are counted in their folder.
     run_time_us:
@@ -62,6 +64,7 @@ class Row:
 
     source: str
     group: str
+    sensor: str
     sequence: int
     stamp_ns: int
     estimate: Estimate
@@ -81,18 +84,14 @@ def estimate_paths(paths: list[Path], *, window: bool = False) -> Iterator[Row]:
     InputError
         At the end, where something could not be read; everything else has been yielded.
     """
-    networks: dict[SensorType, Network] = {}
+    networks = _Networks(window)
     failures: list[InputError] = []
     for path in paths:
         with _kept(failures):
             for part in parts(path):
                 with _kept(failures):
                     for source, sensor_type, messages in streams(part):
-                        if sensor_type not in networks:
-                            networks[sensor_type] = load_network(sensor_type)
-                        follows = window and sensor_type == "radar"
-                        network = load_follower("radar") if follows else networks[sensor_type]
-                        yield from _rows(part, source, network, messages)
+                        yield from _rows(part, source, networks, sensor_type, messages)
     if failures:
         first, others = failures[0], len(failures) - 1
         more = f" (and {others} more could not be read)" if others else ""
@@ -107,13 +106,38 @@ def _kept(failures: list[InputError]) -> Iterator[None]:
         failures.append(error)
 
 
-def _rows(part: Part, source: str, network: Network, messages: Iterator[Message]) -> Iterator[Row]:
+class _Networks:
+    """The networks that were needed so far; with ``window`` one for each radar."""
+
+    def __init__(self, window: bool) -> None:
+        self._window = window
+        self._loaded: dict[tuple[str, str, str], Network] = {}
+
+    def of(self, sensor_type: SensorType, group: str, sensor: str) -> Network:
+        """Return the network for the messages of one sensor."""
+        follows = self._window and sensor_type == "radar"
+        key = (sensor_type, group, sensor) if follows else (sensor_type, "", "")
+        if key not in self._loaded:
+            self._loaded[key] = (load_follower if follows else load_network)(sensor_type)
+        return self._loaded[key]
+
+
+def _rows(
+    part: Part,
+    source: str,
+    networks: _Networks,
+    sensor_type: SensorType,
+    messages: Iterator[Message],
+) -> Iterator[Row]:
+    group = source if part.sequence is None else str(part.path.parent)
     for message in messages:
+        network = networks.of(sensor_type, group, message.sensor)
         start_ns = perf_counter_ns()
         estimate = network(message)
         run_time_us = (perf_counter_ns() - start_ns) / 1e3
-        group = source if part.sequence is None else str(part.path.parent)
-        yield Row(source, group, message.sequence, message.stamp_ns, estimate, run_time_us)
+        yield Row(
+            source, group, message.sensor, message.sequence, message.stamp_ns, estimate, run_time_us
+        )
 
 
 def parts(path: Path) -> Iterator[Part]:
@@ -182,6 +206,9 @@ def _is_log(path: Path) -> bool:
 def _frames(path: Path) -> Iterator[Frame]:
     with open_camera_source(path, path.name) as source:
         yield from source
+        if source.dropped:
+            what = f"{source.dropped} of its frames are damaged or missing"
+            raise VideoError(path, what, "copy the file again")
 
 
 def _scans(path: Path) -> Iterator[RadarScan]:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dbc.errors import InputError, MurkError
 from node.cli.output import emit, plain_console
 from node.cli.train import Sensor
+
+if TYPE_CHECKING:
+    from node.batch import Message
 
 
 def calibrate(
@@ -24,14 +29,23 @@ def calibrate(
     seed: Annotated[int, typer.Option(help="Same drive and seed: same file.", min=0)] = 0,
     json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
-    """Fit a small correction to a sensor's clean driving; a scene names it as 'calibration'."""
+    """Fit a small correction to a sensor's clean driving; a scene names it as 'calibration'.
+
+    Nothing is written where the last third of the drive, which judges, is no better for it.
+    """
     from models.evaluate.calibrate import calibrate as fit_to
     from node.batch import parts, streams
     from node.estimator import load_follower
 
     found = (stream for path in paths for part in parts(path) for stream in streams(part))
-    messages = chain.from_iterable(own for _, kind, own in found if kind == sensor)
+    messages = chain.from_iterable(
+        _of_one(own, name) for name, kind, own in found if kind == sensor
+    )
     correction, worth = fit_to(sensor.value, messages, partial(load_follower, sensor.value), seed)
+    before, after = worth.surprise
+    if after > before:
+        what = f"the correction helps nothing: surprise {before:.3f} nats before, {after:.3f} after"
+        raise MurkError(f"{what}, nothing written; give more driving, or do without")
     file = output or Path(f"{sensor}-calibration.json")
     correction.write(file)
     if json:
@@ -50,3 +64,20 @@ def calibrate(
     console = plain_console()
     console.print(table)
     console.print(f"wrote {file}")
+
+
+def _of_one(messages: Iterator[Message], source: str) -> Iterator[Message]:
+    """Yield a source's messages.
+
+    Raises
+    ------
+    InputError
+        If they are of several sensors: a correction is of one.
+    """
+    first: str | None = None
+    for message in messages:
+        first = first or message.sensor
+        if message.sensor != first:
+            both = f"holds {first} and {message.sensor}"
+            raise InputError(source, both, "give the log of one radar, filtered by candump")
+        yield message

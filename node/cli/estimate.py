@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -44,6 +45,7 @@ def as_record(row: Row) -> dict[str, Any]:
     return {
         "type": "estimate",
         "source": row.source,
+        "sensor": row.sensor,
         "sequence": row.sequence,
         "stamp_ns": row.stamp_ns,
         "level": row.estimate.level,
@@ -60,8 +62,10 @@ def _print(rows: list[Row]) -> None:
 
     console = plain_console()
     groups: dict[str, list[Row]] = {}
+    sensors = Counter(group for group, _ in {(row.group, row.sensor) for row in rows})
     for row in rows:
-        groups.setdefault(row.group, []).append(row)
+        name = f"{row.group} {row.sensor}" if sensors[row.group] > 1 else row.group
+        groups.setdefault(name, []).append(row)
     table = Table(_source(), "messages", "0–20 %", "20–50 %", "50–100 %", "mean level", "µs")
     for group, own in groups.items():
         levels = [row.estimate.level for row in own]

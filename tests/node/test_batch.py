@@ -1,17 +1,22 @@
 from __future__ import annotations
 
 import json
+import struct
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 from dbc.errors import InputError
 from drivers.ars408_cycles import find_cycles
 from drivers.can_frames import concatenate
-from drivers.candump import read_candump
+from drivers.candump import read_candump, write_candump
+from models.world.radar import WorldRadar
+from models.world.road import World
 from node.batch import Row, estimate_paths
 from tests.node.datasets import digests
 
@@ -99,3 +104,65 @@ def test_a_degraded_data_set_is_scored_by_its_labels(small: Path, tmp_path: Path
         assert levels[str(tmp_path / "out" / label["file"])] == pytest.approx(
             label["level"], abs=25
         )
+
+
+def test_radars_in_one_log_have_windows_of_their_own(tmp_path: Path) -> None:
+    world = World(seed=3, duration_s=0.6)
+    radars = [
+        concatenate(list(WorldRadar(world, sensor_id=sensor_id, x_m=x_m).frames()))
+        for sensor_id, x_m in ((0, 3.0), (1, 0.0))
+    ]
+    both = concatenate(radars)
+    both = both.select(np.argsort(both.stamp_ns, kind="stable"))
+    logs = [tmp_path / name for name in ("0.log", "1.log", "both.log")]
+    for log, frames in zip(logs, (*radars, both), strict=True):
+        write_candump(log, [frames])
+    alone = {
+        row.sensor: row.estimate.level
+        for log in logs[:2]
+        for row in estimate_paths([log], window=True)
+    }
+    together = {row.sensor: row.estimate.level for row in estimate_paths([logs[2]], window=True)}
+    assert together == alone
+    assert set(alone) == {"radar_0", "radar_1"}
+
+
+def test_a_video_that_is_cut_off_is_named_after_its_frames(small: Path, tmp_path: Path) -> None:
+    whole = (small / "drive.mp4").read_bytes()
+    frames = len(list(estimate_paths([small / "drive.mp4"])))
+    start = whole.index(b"mdat")
+    end = start - 4 + int.from_bytes(whole[start - 4 : start])
+    half = (start + end) // 2
+    damaged = whole[:half] + bytes(end - half) + whole[end:]
+    (tmp_path / "cut.mp4").write_bytes(damaged)
+    rows: list[Row] = []
+    with pytest.raises(InputError, match=r"cut\.mp4: \d+ of its frames are damaged or missing"):
+        rows.extend(estimate_paths([tmp_path / "cut.mp4"]))
+    assert 0 < len(rows) < frames
+
+
+def test_an_image_that_promises_too_much_costs_only_itself(small: Path, tmp_path: Path) -> None:
+    (tmp_path / "a.jpg").write_bytes((small / "day" / "1.jpg").read_bytes())
+    png = bytearray(cv2.imencode(".png", np.zeros((4, 4, 3), np.uint8))[1].tobytes())
+    png[16:24] = struct.pack(">II", 50_000, 50_000)
+    png[29:33] = struct.pack(">I", zlib.crc32(png[12:29]))
+    (tmp_path / "b.png").write_bytes(png)
+    rows: list[Row] = []
+    with pytest.raises(InputError, match=r"b\.png: cannot be decoded"):
+        rows.extend(estimate_paths([tmp_path]))
+    assert [Path(row.source).name for row in rows] == ["a.jpg"]
+
+
+def test_clouds_of_a_folder_are_a_window_with_the_stamps_of_their_names(
+    small: Path, tmp_path: Path
+) -> None:
+    clouds = sorted((small / "clouds").iterdir())
+    for number, cloud in enumerate((clouds * 4)[:4]):
+        name = f"n015__RADAR_FRONT__{1533151603555991 + 75_000 * number}.pcd"
+        (tmp_path / name).write_bytes(cloud.read_bytes())
+    alone, follow = (list(estimate_paths([tmp_path], window=window)) for window in (False, True))
+    assert [row.stamp_ns for row in follow] == [
+        (1533151603555991 + 75_000 * number) * 1000 for number in range(4)
+    ]
+    assert follow[0].estimate.level == alone[0].estimate.level
+    assert follow[-1].estimate.level != alone[-1].estimate.level
