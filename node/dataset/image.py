@@ -6,10 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from dbc.errors import VideoError
-from drivers.images import read_image
 from node.dataset.job import Job
+
+Image = NDArray[np.uint8]
 
 _JPEG = [
     cv2.IMWRITE_JPEG_QUALITY,
@@ -24,25 +27,47 @@ _OPTIONS = {".jpg": _JPEG, ".jpeg": _JPEG, ".webp": [cv2.IMWRITE_WEBP_QUALITY, 1
 
 
 def degrade(job: Job, path: Path) -> list[dict[str, Any]]:
-    """Write the degraded image, in the format of the original; return its label.
+    """Write the degraded image, in the form of the original; return its label.
 
-    An image to which nothing happens is copied byte by byte.
+    Its pixels lie as they lay, whatever its EXIF data say of turning it; they, its colour profile
+    and its transparency stay. A gray one is degraded as three equal channels, and the first of
+    them is written. An image to which nothing happens is copied byte by byte.
 
     Raises
     ------
     VideoError
-        If the image cannot be read.
+        If the image cannot be read, or has more than 8 bits a value.
     """
     cv2.setNumThreads(1)  # the processes beside this one have the other cores
     source = job.source
-    image = read_image(source.path)
-    if image is None:
-        raise VideoError(source.path, "no image in it can be decoded", "is it damaged?")
-    degraded, label = job.degrade(image, source.sensor, source.sequence)
-    if degraded is image:
-        path.write_bytes(source.path.read_bytes())
+    content = np.frombuffer(source.path.read_bytes(), np.uint8)
+    image, kinds, beside = _decoded(content, source.path)
+    colour = np.ascontiguousarray(image[..., :3] if image.ndim == 3 else np.dstack([image] * 3))
+    degraded, label = job.degrade(colour, source.sensor, source.sequence)
+    if degraded is colour:
+        path.write_bytes(content.tobytes())
     else:
         suffix = source.path.suffix.lower()
-        _, content = cv2.imencode(suffix, degraded, _OPTIONS.get(suffix, []))
-        path.write_bytes(content.tobytes())
+        like = _like(image, degraded)
+        _, coded = cv2.imencodeWithMetadata(suffix, like, kinds, beside, _OPTIONS.get(suffix, []))
+        path.write_bytes(coded.tobytes())
     return [label]
+
+
+def _decoded(content: Image, path: Path) -> tuple[Image, Any, Any]:
+    """Return an image as it is stored, and kind and content of the data beside it."""
+    image, kinds, beside = None, None, None
+    if content.size:
+        image, kinds, beside = cv2.imdecodeWithMetadata(content, flags=cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise VideoError(path, "no image in it can be decoded", "is it damaged?")
+    if image.dtype != np.uint8:
+        raise VideoError(path, f"has values of {image.dtype}", "expected 8 bits a value")
+    return np.asarray(image, np.uint8), kinds, beside
+
+
+def _like(original: Image, degraded: Image) -> Image:
+    """Return the degraded colours in the form of the original: gray, or with its transparency."""
+    if original.ndim == 2:
+        return np.ascontiguousarray(degraded[..., 0])
+    return np.dstack([degraded, original[..., 3:]])

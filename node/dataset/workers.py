@@ -20,6 +20,9 @@ from node.dataset.job import Done, Job, run_job
 CONNECT_S = 10
 """How long to wait for a cluster."""
 
+_MOST_NAMED = 8
+"""Files, of those that failed."""
+
 
 def do_jobs(jobs: list[Job], executor: Executor) -> Iterator[Done]:
     """Do the jobs; yield each as it is done. All that can be done is, whatever else fails.
@@ -45,9 +48,16 @@ def do_jobs(jobs: list[Job], executor: Executor) -> Iterator[Done]:
             raise MurkError(what) from None
     if failures:
         first = failures[min(failures)]
-        others = len({jobs[number].source.path for number in failures}) - 1
-        more = f" (and {others} other files)" if others else ""
-        raise type(first)(first.where, first.what + more, first.remedy)
+        names = list(dict.fromkeys(jobs[number].source.target for number in sorted(failures)))
+        raise type(first)(first.where, first.what + _others(names[1:]), first.remedy)
+
+
+def _others(names: list[str]) -> str:
+    """Return what a message says of the other files that failed."""
+    if not names:
+        return ""
+    more = ", …" if len(names) > _MOST_NAMED else ""
+    return f" (and {len(names)} more: {', '.join(names[:_MOST_NAMED])}{more})"
 
 
 @contextmanager
