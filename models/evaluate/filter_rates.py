@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from models.estimate.filter import LevelFilter
 from models.estimate.level import LEVELS
-from models.evaluate.report import Picture, Point, Result
+from models.evaluate.report import Picture, Point, Result, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,9 +21,11 @@ FloatArray = NDArray[np.float64]
 STEP = 60.0
 """Level of the steps, %."""
 RATES_PER_S = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
+CORRELATIONS_S = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0)
 MEASURES = ("at rest", "in the second after a step", "on a ramp")
 
 _SETTLED_S = 1.0
+_LEAST = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,10 +84,38 @@ def errors(tracks: Sequence[LevelTrack], make_filter: Callable[[], LevelFilter])
     return np.array([own.mean() if own.size else np.nan for own in pooled])
 
 
+def honesty(
+    tracks: Sequence[LevelTrack], make_filter: Callable[[], LevelFilter]
+) -> tuple[float, float, float]:
+    """Return whether filtered levels know how sure they are.
+
+    Returns
+    -------
+    Mean standard deviation, points of level; share of true levels further than two of them (and
+    one point, for the levels are eleven) from the mean, 0 to 1; mean −log probability of the level
+    nearest to the true one, nats.
+    """
+    deviations, far, surprise = [], [], []
+    for track in tracks:
+        probabilities = track.filtered(make_filter())
+        mean = probabilities @ LEVELS
+        deviation = np.sqrt(np.maximum(probabilities @ LEVELS**2 - mean**2, 0.0))
+        nearest = np.abs(track.levels[:, np.newaxis] - LEVELS).argmin(axis=1)
+        of_truth = probabilities[np.arange(len(nearest)), nearest]
+        deviations.append(deviation)
+        far.append(np.abs(mean - track.levels) > 2 * deviation + 1)
+        surprise.append(-np.log(np.maximum(of_truth, _LEAST)))
+    means = (np.concatenate(own).mean() for own in (deviations, far, surprise))
+    deviation, share, nats = map(float, means)
+    return deviation, share, nats
+
+
 def filter_results(
     sensor_type: str, tracks: Sequence[LevelTrack], shipped: LevelFilter, update_us: float
 ) -> Iterator[Result]:
     """Yield errors over each of a filter's two rates, the other as shipped: points and a plot.
+
+    Then a table of what it costs, and gives, to take successive errors for alike.
 
     Parameters
     ----------
@@ -106,7 +136,25 @@ def filter_results(
                 yield Point(
                     variant, knob, update_us, float(error), f"{unit}, {sensor_type}'s filter"
                 )
-    yield _picture(f"{sensor_type.capitalize()}: error over the filter's rates", curves, shipped)
+    name = sensor_type.capitalize()
+    yield _picture(f"{name}: error over the filter's rates", curves, shipped)
+    yield _correlation_table(f"{name}: time over which errors stay alike", tracks, shipped)
+
+
+def _correlation_table(title: str, tracks: Sequence[LevelTrack], shipped: LevelFilter) -> Table:
+    rows: list[tuple[str | float, ...]] = []
+    for time_s in sorted({*CORRELATIONS_S, shipped.correlation_s}):
+
+        def make_filter(time_s: float = time_s) -> LevelFilter:
+            return LevelFilter(shipped.drift_per_s, shipped.jump_per_s, time_s)
+
+        deviation, share, nats = honesty(tracks, make_filter)
+        name = f"{time_s:g} s" + (" (default)" if time_s == shipped.correlation_s else "")
+        found = errors(tracks, make_filter).tolist()
+        rows.append((name, *found, deviation, 100 * share, nats))
+    measures = (f"error {measure}, points" for measure in MEASURES)
+    sure = ("mean std, points", "beyond two std and a point, %", "surprise, nats")
+    return Table(title, ("correlation", *measures, *sure), tuple(rows))
 
 
 def _errors_at(

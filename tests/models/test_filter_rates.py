@@ -7,8 +7,15 @@ import pytest
 
 from models.estimate.filter import LevelFilter
 from models.estimate.level import LEVELS
-from models.evaluate.filter_rates import MEASURES, LevelTrack, errors, filter_results, truths
-from models.evaluate.report import Picture, Point
+from models.evaluate.filter_rates import (
+    MEASURES,
+    LevelTrack,
+    errors,
+    filter_results,
+    honesty,
+    truths,
+)
+from models.evaluate.report import Picture, Point, Table
 
 COUNT = 100
 STAMPS_NS = np.arange(COUNT, dtype=np.int64) * 100_000_000
@@ -56,10 +63,22 @@ def test_a_level_that_never_changes_is_at_rest_throughout() -> None:
     assert np.isnan(ramp)
 
 
+def test_the_same_answer_again_makes_a_filter_surer_unless_its_errors_stay_alike() -> None:
+    wrong = np.exp(-(((LEVELS - 50.0) / 15.0) ** 2) / 2)
+    track = LevelTrack(STAMPS_NS, np.full(COUNT, 30.0), np.tile(wrong / wrong.sum(), (COUNT, 1)))
+    sure, far, surprised = honesty([track], lambda: LevelFilter(0.1, 0.1))
+    unsure, near, calm = honesty([track], lambda: LevelFilter(0.1, 0.1, 1.0))
+    assert sure < unsure
+    assert far > near
+    assert surprised > calm
+
+
 def test_results_hold_the_default_once_a_rate_and_a_picture() -> None:
     shipped = LevelFilter(0.2, 0.3)
-    *points, picture = filter_results("radar", _tracks(15.0), shipped, update_us=30.0)
+    *points, picture, table = filter_results("radar", _tracks(15.0), shipped, update_us=30.0)
     assert isinstance(picture, Picture)
+    assert isinstance(table, Table)
+    assert [row[0] for row in table.rows if "default" in str(row[0])] == ["0 s (default)"]
     defaults = [point for point in points if isinstance(point, Point) and "default" in point.knob]
     assert [point.knob.split("=")[0] for point in defaults] == ["drift"] * 3 + ["jump"] * 3
     by_measure = {
