@@ -21,7 +21,8 @@ def degrade(job: Job, path: Path) -> list[dict[str, Any]]:
     Raises
     ------
     VideoError
-        If the video cannot be read, or its size or its clock jumps.
+        If the video cannot be read, has frames that are damaged or missing, or its size or its
+        clock jumps.
     """
     cv2.setNumThreads(1)
     labels = []
@@ -37,4 +38,8 @@ def degrade(job: Job, path: Path) -> list[dict[str, Any]]:
                 what = f"frame {frame.sequence} cannot be copied: {error.what}"
                 raise VideoError(job.source.path, what, error.remedy) from error
             labels.append(label)
+        if video.dropped:
+            promised = len(labels) + video.dropped
+            what = f"of its {promised} frames {video.dropped} are damaged or missing"
+            raise VideoError(job.source.path, what, "copy it again, or encode what is there anew")
     return labels

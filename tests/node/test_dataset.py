@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -339,6 +340,24 @@ def test_an_image_of_16_bits_is_refused(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "deep.png"), np.zeros((9, 16, 3), np.uint16))
     result = murk(tmp_path / "deep.png", tmp_path / "out", "--kind=blur", "--level=0")
     assert "uint16" in one_line(result)
+
+
+def test_a_video_that_is_cut_off_is_named_with_what_is_missing(small: Path, tmp_path: Path) -> None:
+    """Its header stands before its frames, the last of which is cut in half."""
+    path, sizes = tmp_path / "cut.mp4", []
+    with (
+        av.open(str(small / "drive.mp4")) as whole,
+        av.open(str(path), "w", options={"movflags": "faststart"}) as copy,
+    ):
+        stream = copy.add_stream_from_template(whole.streams.video[0])
+        for packet in whole.demux(video=0):
+            if packet.size:
+                sizes.append(packet.size)
+                packet.stream = stream
+                copy.mux(packet)
+    path.write_bytes(path.read_bytes()[: -sizes[-1] // 2])
+    line = one_line(murk(path, tmp_path / "out", "--kind=blur", "--level=10"))
+    assert "of its 4 frames 1 are damaged or missing" in line
 
 
 def test_a_scan_with_another_number_is_done_again(small: Path, tmp_path: Path) -> None:
