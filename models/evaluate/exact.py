@@ -1,7 +1,8 @@
 """What a camera degradation would give in exact arithmetic: float64, neither rounded nor clipped.
 
-Written anew for this, the slow and plain way. What is random is taken as it was drawn: the bytes of
-noise, the places of streaks and flakes.
+Its optics, noise, lens and codec are written anew for this, the slow and plain way. What is drawn,
+or belongs to the scene, is taken from the kinds themselves: random bytes, places of drops, the
+layer of streaks or flakes, banks of fog, blots of dirt, the scene's light and the street's depth.
 """
 
 from __future__ import annotations
