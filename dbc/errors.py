@@ -15,6 +15,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+_MOST_NAMED = 8
+"""Places, of many that fared alike."""
+
 
 class MurkError(Exception):
     """Base of every error that murk raises on purpose; shown as one line, never as a traceback."""
@@ -46,6 +51,14 @@ class InputError(MurkError):
     def __str__(self) -> str:
         text = f"{self.where}: {self.what}" + (f"; {self.remedy}" if self.remedy else "")
         return " ".join(text.split())
+
+
+def and_others(places: Sequence[str]) -> str:
+    """Return what an error's line says of the other places that fared like it; "" of none."""
+    if not places:
+        return ""
+    more = ", …" if len(places) > _MOST_NAMED else ""
+    return f" (and {len(places)} more: {', '.join(places[:_MOST_NAMED])}{more})"
 
 
 class DatabaseError(InputError):

@@ -10,7 +10,7 @@ from pathlib import Path
 from time import perf_counter_ns
 from typing import Any
 
-from dbc.errors import InputError, VideoError
+from dbc.errors import InputError, ModelError, VideoError, and_others
 from drivers.camera import natural_key, open_camera_source
 from drivers.frame import Frame
 from drivers.scan import RadarScan
@@ -93,15 +93,17 @@ def estimate_paths(paths: list[Path], *, window: bool = False) -> Iterator[Row]:
                     for source, sensor_type, messages in streams(part):
                         yield from _rows(part, source, networks, sensor_type, messages)
     if failures:
-        first, others = failures[0], len(failures) - 1
-        more = f" (and {others} more could not be read)" if others else ""
-        raise type(first)(first.where, first.what + more, first.remedy)
+        first = failures[0]
+        others = and_others([failure.where for failure in failures[1:]])
+        raise type(first)(first.where, first.what + others, first.remedy)
 
 
 @contextmanager
 def _kept(failures: list[InputError]) -> Iterator[None]:
     try:
         yield
+    except ModelError:
+        raise  # no other file would fare better
     except InputError as error:
         failures.append(error)
 
@@ -216,11 +218,16 @@ def _scans(path: Path) -> Iterator[RadarScan]:
     from drivers.can_log import read_log
 
     assembler = ScanAssembler()
-    found = 0
+    found = objects = 0
     for part in chain(map(assembler.feed, read_log(path)), iter([assembler.flush()])):
         for message in part:
-            if isinstance(message, RadarScan) and message.mode == "cluster":
+            if not isinstance(message, RadarScan):
+                continue
+            if message.mode == "cluster":
                 found += 1
                 yield message
+            else:
+                objects += 1
     if not found:
-        raise InputError(path, "holds no cluster scan", "expected CAN IDs 0x600 and 0x701")
+        what = "holds objects, no clusters" if objects else "holds no cluster scan"
+        raise InputError(path, what, "the noise level needs clusters (CAN IDs 0x600, 0x701)")

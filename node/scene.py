@@ -37,8 +37,8 @@ WORLD = "world"
 FAULTS: dict[str, tuple[str, ...]] = {"camera": CAMERA_FAULTS, "radar": LINK_FAULTS}
 """Faults that a gateway can make, by sensor type."""
 
-Level = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
-Seconds = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
+Level = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False, strict=True)]
+Seconds = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False, strict=True)]
 _ANY_LEVEL = (0.0, 100.0)
 
 

@@ -81,7 +81,9 @@ def main() -> None:
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         sys.exit(130)
-    except BrokenPipeError:
-        # Whoever read standard output is gone; nothing is left to flush at exit.
+    except OSError as error:
+        # Whoever read standard output is gone, or its disk is full: nothing is flushed at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            sys.stderr.write(f"murk: {error.filename or 'standard output'}: {error.strerror}\n")
         sys.exit(1)

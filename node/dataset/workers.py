@@ -14,14 +14,11 @@ from importlib import import_module
 from threading import Thread
 from typing import Any
 
-from dbc.errors import InputError, MissingExtra, MurkError
+from dbc.errors import InputError, MissingExtra, MurkError, and_others
 from node.dataset.job import Done, Job, run_job
 
 CONNECT_S = 10
 """How long to wait for a cluster."""
-
-_MOST_NAMED = 8
-"""Files, of those that failed."""
 
 
 def do_jobs(jobs: list[Job], executor: Executor) -> Iterator[Done]:
@@ -49,15 +46,7 @@ def do_jobs(jobs: list[Job], executor: Executor) -> Iterator[Done]:
     if failures:
         first = failures[min(failures)]
         names = list(dict.fromkeys(jobs[number].source.target for number in sorted(failures)))
-        raise type(first)(first.where, first.what + _others(names[1:]), first.remedy)
-
-
-def _others(names: list[str]) -> str:
-    """Return what a message says of the other files that failed."""
-    if not names:
-        return ""
-    more = ", …" if len(names) > _MOST_NAMED else ""
-    return f" (and {len(names)} more: {', '.join(names[:_MOST_NAMED])}{more})"
+        raise type(first)(first.where, first.what + and_others(names[1:]), first.remedy)
 
 
 @contextmanager

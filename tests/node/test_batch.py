@@ -68,7 +68,9 @@ def test_what_cannot_be_read_is_said_at_the_end_and_costs_nothing_else(
     (tmp_path / "3.log").write_text("no log\n")
     (tmp_path / "4.log").write_bytes((small / "radar.log").read_bytes())
     rows: list[Row] = []
-    with pytest.raises(InputError, match=r"0\.png.*and 3 more could not be read"):
+    with pytest.raises(
+        InputError, match=r"0\.png.*and 3 more: .*2\.pcd, .*3\.log:1, .*absent\.mp4"
+    ):
         rows.extend(estimate_paths([tmp_path, tmp_path / "absent.mp4"]))
     assert [Path(row.source).name for row in rows] == ["1.jpg"] + ["4.log"] * 6
     shown = subprocess.run(

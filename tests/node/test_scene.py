@@ -44,6 +44,10 @@ CAMERA = {"name": "cam", "type": "camera", "source": "world"}
             },
             "injections.0.level",
         ),
+        (
+            {"sensors": [CAMERA], "injections": [{"sensor": "cam", "kind": "blur", "level": True}]},
+            "injections.0.level",
+        ),
         ({"sensors": [CAMERA], "injections": [{"sensor": "cam", "kind": "blur"}]}, "injections.0"),
         (
             {
