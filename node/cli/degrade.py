@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from models.degrade.kinds import KINDS
 from node.cli.output import emit, plain_console
 
 if TYPE_CHECKING:
@@ -25,7 +26,14 @@ def degrade(
     output: Annotated[
         Path | None, typer.Argument(metavar="OUTPUT", help="Folder, new or half done.")
     ] = None,
-    kind: Annotated[list[str] | None, typer.Option(help="Repeatable.", metavar="KIND")] = None,
+    kind: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="; ".join(f"{sensor}: {', '.join(kinds)}" for sensor, kinds in KINDS.items())
+            + ". Repeatable.",
+            metavar="KIND",
+        ),
+    ] = None,
     level: Annotated[
         list[float] | None, typer.Option(help="0 to 100 %; repeatable.", metavar="N")
     ] = None,
@@ -70,9 +78,11 @@ def degrade(
         _draw_sheets(source, output or Path("docs"), seed, json=json)
         return
     if source is None or output is None:
-        raise SceneError("murk degrade", "needs INPUT and OUTPUT", "or --sheet")
-    if every == bool(kind or level) or (not every and not (kind and level)):
-        raise SceneError("murk degrade", "what is to be done?", "--kind and --level, or --all")
+        raise SceneError("degrade", "needs INPUT and OUTPUT", "or --sheet")
+    if every and (kind or level):
+        raise SceneError("--all", "is every kind at every level", "leave out --kind and --level")
+    if not every and not (kind and level):
+        raise SceneError("degrade", "needs --kind and --level", "or --all")
     options = dict(map(_option, option or []))
     if horizon is not None:
         options["horizon"] = horizon
