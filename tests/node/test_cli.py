@@ -143,7 +143,7 @@ def test_the_doctor_looks_at_every_library_that_murk_declares() -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 def test_a_full_disk_behind_standard_output_is_one_line() -> None:
     command = [sys.executable, "-c", "from node.cli import main; main()", "doctor", "--json"]
-    with open("/dev/full", "w") as full:
+    with Path("/dev/full").open("w") as full:
         result = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
     assert result.returncode == 1
     assert len(result.stderr.splitlines()) == 1
