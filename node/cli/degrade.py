@@ -110,6 +110,7 @@ def _run(plan: Plan, scheduler: str | None, *, json: bool) -> None:
 
 
 def _do(plan: Plan, jobs: list[Job], scheduler: str | None, *, json: bool) -> None:
+    from dbc.errors import InputError
     from node.dataset.labels import write_labels
     from node.dataset.workers import dask_workers, do_jobs, local_workers
 
@@ -122,6 +123,10 @@ def _do(plan: Plan, jobs: list[Job], scheduler: str | None, *, json: bool) -> No
                 messages += done.messages
         write_labels(plan)
         complete = True
+    except InputError:
+        with suppress(InputError):
+            write_labels(plan)  # of all but the bad files
+        raise
     finally:
         summary = {
             "type": "summary",

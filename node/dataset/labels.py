@@ -17,7 +17,9 @@ COLUMNS = ("file", "sensor", "sequence", "kind", "level", "seed", "drawn")
 
 
 def write_labels(plan: Plan) -> tuple[Path, Path]:
-    """Put the labels of all jobs together, in the order of the plan; remove unfinished files.
+    """Put the labels of all jobs that are done together, in the order of the plan.
+
+    Unfinished files are removed.
 
     Returns
     -------
@@ -33,8 +35,9 @@ def write_labels(plan: Plan) -> tuple[Path, Path]:
     try:
         shutil.rmtree(unfinished, ignore_errors=True)
         unfinished.mkdir()
-        _write_lines(plan.jobs, unfinished / lines.name)
-        _write_table(plan.jobs, unfinished / table.name)
+        done = [job for job in plan.jobs if job.is_done()]
+        _write_lines(done, unfinished / lines.name)
+        _write_table(done, unfinished / table.name)
         for path in (table, lines):
             (unfinished / path.name).replace(path)
         unfinished.rmdir()

@@ -303,6 +303,8 @@ def test_a_bad_file_is_named_and_the_others_are_done(small: Path, tmp_path: Path
     *done, summary = map(json.loads, result.stdout.splitlines())
     assert {one["file"] for one in done} == {"blur_50/c.jpg", "snr_50/f.log"}
     assert (summary["complete"], summary["left"]) == (False, 6)
+    rows = map(json.loads, (tmp_path / "out" / "labels.jsonl").read_text().splitlines())
+    assert {row["file"] for row in rows} == {"blur_50/c.jpg", "snr_50/f.log"}
     for name in ("z.jpg", "b.log", "d.pcd", "e.mp4", "g.mcap"):
         (source / name).unlink()
     summary = json.loads(murk(source, tmp_path / "out", *flags).stdout)
