@@ -91,10 +91,10 @@ def draw(
     kind, level, key:
         As for every kind: see ``models.degrade.kinds``.
     method:
-        ``"fast"``; ``"exact"``, the reference that the fast one approximates; ``"published"``,
-        for blur and noise only: what the code published with the paper does, that is σ =
-        2 round(10 N) for the blur, and for the noise N(0, N) cast to uint8, whose negative draws
-        wrap to 255.
+        ``"fast"``; ``"exact"``, the reference that the fast one approximates, of exposure with the
+        same bytes; ``"published"``, for blur and noise only: what the code published with the paper
+        does, that is σ = 2 round(10 N) for the blur, and for the noise N(0, N) cast to uint8, whose
+        negative draws wrap to 255.
     std_max:
         Standard deviation of the noise at 100 %, counts.
 
