@@ -198,7 +198,7 @@ def threshold_db(echoes_db: FloatArray, sensor: RadarSensor = ARS408) -> float:
     The weakest cluster was detected, so the threshold is at most its echo; and a scan of strong
     echoes only says nothing of the threshold, so it is at most the sensor's typical one.
     """
-    return min(sensor.detection_floor_db, float(echoes_db.min(initial=np.inf)))
+    return float(echoes_db.min(initial=sensor.detection_floor_db))
 
 
 def is_missed(
