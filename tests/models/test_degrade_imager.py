@@ -12,7 +12,6 @@ from models.degrade.draw import DrawKey
 from models.degrade.pointwise import looked_up
 
 KEY = DrawKey(1, "camera", 3)
-LEVELS = range(0, 101, 10)
 
 
 def degrade(kind, level, image, key=KEY):
@@ -23,14 +22,6 @@ def scene(height=120, width=160):
     random = np.random.default_rng(0)
     coarse = random.uniform(20, 235, (height // 8 + 1, width // 8 + 1, 3)).astype(np.float32)
     return cv2.resize(coarse, (width, height)).astype(np.uint8)
-
-
-@pytest.mark.parametrize("kind", imager.KINDS)
-def test_each_level_departs_farther_from_the_image(kind):
-    image = scene()
-    errors = [np.abs(degrade(kind, level, image).astype(int) - image).mean() for level in LEVELS]
-    assert (np.diff(errors) > (-0.02 if kind == "jpeg" else 0)).all()
-    assert errors[-1] > 1
 
 
 @settings(max_examples=60, deadline=None)

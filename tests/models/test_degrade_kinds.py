@@ -13,6 +13,7 @@ from degrade_scans import make_scan
 
 from models.degrade.draw import DrawKey
 from models.degrade.kinds import KINDS, module_of
+from models.evaluate.samples import textured_image
 
 EVERY = [(sensor, kind) for sensor, kinds in KINDS.items() for kind in kinds]
 
@@ -57,6 +58,18 @@ def test_level_0_is_the_identity_and_the_input_stays(kind):
         assert (first.dtype, first.shape) == (np.uint8, image.shape)
         np.testing.assert_array_equal(first, second)
     np.testing.assert_array_equal(image, before)
+
+
+@pytest.mark.parametrize("kind", KINDS["camera"])
+def test_each_level_departs_farther_from_the_image(kind):
+    image = (0.7 * textured_image(180, 320)).astype(np.uint8)  # over-exposure has where to go
+    module = module_of("camera", kind)
+    errors = [
+        np.abs(module.apply(module.draw(kind, level, DrawKey(1, "camera", 3)), image) - 1.0 * image)
+        for level in range(0, 101, 10)
+    ]
+    assert (np.diff([error.mean() for error in errors]) > 0).all()
+    assert errors[-1].mean() > 2
 
 
 @pytest.mark.parametrize(("sensor", "kind"), EVERY)

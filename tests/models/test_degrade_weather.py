@@ -15,7 +15,6 @@ from models.degrade import haze, weather
 from models.degrade.draw import DrawKey
 
 KEY = DrawKey(1, "camera", 3)
-LEVELS = range(0, 101, 10)
 
 
 def degrade(kind, level, image, key=KEY, **options):
@@ -26,14 +25,6 @@ def scene(height=180, width=320):
     random = np.random.default_rng(0)
     coarse = random.uniform(0, 140, (height // 8 + 1, width // 8 + 1, 3)).astype(np.float32)
     return cv2.resize(coarse, (width, height)).astype(np.uint8)
-
-
-@pytest.mark.parametrize("kind", weather.KINDS)
-def test_each_level_departs_farther_from_the_image(kind):
-    image = scene()
-    errors = [np.abs(degrade(kind, level, image).astype(int) - image).mean() for level in LEVELS]
-    assert (np.diff(errors) > 0).all()
-    assert errors[-1] > 1
 
 
 @settings(max_examples=50, deadline=None)
