@@ -29,41 +29,47 @@ _OPTIONS = {".jpg": _JPEG, ".jpeg": _JPEG, ".webp": [cv2.IMWRITE_WEBP_QUALITY, 1
 def degrade(job: Job, path: Path) -> list[dict[str, Any]]:
     """Write the degraded image, in the form of the original; return its label.
 
-    Its pixels lie as they lay, whatever its EXIF data say of turning it; they, its colour profile
-    and its transparency stay. A gray one is degraded as three equal channels, and the first of
-    them is written. An image to which nothing happens is copied byte by byte.
+    Its pixels lie as they lay, whatever its EXIF data say of turning it; these and its transparency
+    stay. A gray one is degraded as three equal channels, and the first of them is written. An image
+    to which nothing happens is copied byte by byte.
 
     Raises
     ------
     VideoError
-        If the image cannot be read, or has more than 8 bits a value.
+        If the image cannot be read or written, or has more than 8 bits a value.
     """
     cv2.setNumThreads(1)  # the processes beside this one have the other cores
     source = job.source
     content = np.frombuffer(source.path.read_bytes(), np.uint8)
-    image, kinds, beside = _decoded(content, source.path)
+    image, exif = _decoded(content, source.path)
     colour = np.ascontiguousarray(image[..., :3] if image.ndim == 3 else np.dstack([image] * 3))
     degraded, label = job.degrade(colour, source.sensor, source.sequence)
     if degraded is colour:
         path.write_bytes(content.tobytes())
     else:
         suffix = source.path.suffix.lower()
-        like = _like(image, degraded)
-        _, coded = cv2.imencodeWithMetadata(suffix, like, kinds, beside, _OPTIONS.get(suffix, []))
+        kinds, options = [cv2.IMAGE_METADATA_EXIF] * len(exif), _OPTIONS.get(suffix, [])
+        written, coded = cv2.imencodeWithMetadata(
+            suffix, _like(image, degraded), kinds, exif, options
+        )
+        if not written:
+            raise VideoError(source.path, f"cannot be written as {suffix}", "convert it first")
         path.write_bytes(coded.tobytes())
     return [label]
 
 
-def _decoded(content: Image, path: Path) -> tuple[Image, Any, Any]:
-    """Return an image as it is stored, and kind and content of the data beside it."""
-    image, kinds, beside = None, None, None
+def _decoded(content: Image, path: Path) -> tuple[Image, list[Any]]:
+    """Return an image as it is stored, and its EXIF data where it has some."""
+    image, exif = None, []
     if content.size:
         image, kinds, beside = cv2.imdecodeWithMetadata(content, flags=cv2.IMREAD_UNCHANGED)
+        told = zip(np.ravel(kinds), beside, strict=True)
+        exif = [part for kind, part in told if kind == cv2.IMAGE_METADATA_EXIF]
     if image is None:
         raise VideoError(path, "no image in it can be decoded", "is it damaged?")
     if image.dtype != np.uint8:
         raise VideoError(path, f"has values of {image.dtype}", "expected 8 bits a value")
-    return np.asarray(image, np.uint8), kinds, beside
+    return np.asarray(image, np.uint8), exif
 
 
 def _like(original: Image, degraded: Image) -> Image:

@@ -319,7 +319,7 @@ def test_an_image_keeps_its_form(tmp_path: Path) -> None:
     exif = picture.getexif()
     exif[0x0112] = 6
     for name in ("turned.jpg", "turned.png"):
-        picture.save(source / name, exif=exif)
+        picture.save(source / name, exif=exif, icc_profile=bytes(100_000))
     picture.convert("L").save(source / "gray.png")
     picture.convert("L").save(source / "gray.jpg")
     picture.putalpha(PillowImage.linear_gradient("L").resize(picture.size))
