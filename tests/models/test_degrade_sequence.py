@@ -111,5 +111,9 @@ def test_ghosts_live_as_long_as_they_are_told():
     ]
     assert all(len(set(lives[k : k + 10])) == 1 for k in range(0, 100, 10))
     assert len(set(lives)) > 5
+    key = DrawKey(1, "radar", 25)
+    assert radar.draw("ghosts", 50, key, ghost_life=1e1) == radar.draw(
+        "ghosts", 50, key, ghost_life=10
+    )
     with pytest.raises(InputError, match="ghost_life"):
         radar.draw("ghosts", 50, DrawKey(1, "radar", 0), ghost_life=0)
