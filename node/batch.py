@@ -74,6 +74,8 @@ class Row:
 def estimate_paths(paths: list[Path], *, window: bool = False) -> Iterator[Row]:
     """Estimate every frame and cluster scan of images, videos, CAN logs, recordings and folders.
 
+    A frame of a video or a recording is estimated with the history of that camera's exposure.
+
     Parameters
     ----------
     window:
@@ -109,19 +111,28 @@ def _kept(failures: list[InputError]) -> Iterator[None]:
 
 
 class _Networks:
-    """The networks that were needed so far; with ``window`` one for each radar."""
+    """The networks that are needed: one for each sensor whose messages are taken in a row."""
 
     def __init__(self, window: bool) -> None:
         self._window = window
-        self._loaded: dict[tuple[str, str, str], Network] = {}
+        self._alone: dict[SensorType, Network] = {}
+        self._following: dict[str, Network] = {}
+        self._group = ""
 
-    def of(self, sensor_type: SensorType, group: str, sensor: str) -> Network:
-        """Return the network for the messages of one sensor."""
-        follows = self._window and sensor_type == "radar"
-        key = (sensor_type, group, sensor) if follows else (sensor_type, "", "")
-        if key not in self._loaded:
-            self._loaded[key] = (load_follower if follows else load_network)(sensor_type)
-        return self._loaded[key]
+    def of(self, sensor_type: SensorType, group: str, sensor: str, successive: bool) -> Network:
+        """Return the network for the messages of one sensor.
+
+        Images of a folder may come from anywhere: they are not ``successive``, none has a history.
+        """
+        if not (self._window if sensor_type == "radar" else successive):
+            if sensor_type not in self._alone:
+                self._alone[sensor_type] = load_network(sensor_type)
+            return self._alone[sensor_type]
+        if group != self._group:
+            self._group, self._following = group, {}
+        if sensor not in self._following:
+            self._following[sensor] = load_follower(sensor_type)
+        return self._following[sensor]
 
 
 def _rows(
@@ -133,7 +144,7 @@ def _rows(
 ) -> Iterator[Row]:
     group = source if part.sequence is None else str(part.path.parent)
     for message in messages:
-        network = networks.of(sensor_type, group, message.sensor)
+        network = networks.of(sensor_type, group, message.sensor, part.sequence is None)
         start_ns = perf_counter_ns()
         estimate = network(message)
         run_time_us = (perf_counter_ns() - start_ns) / 1e3

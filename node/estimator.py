@@ -75,7 +75,9 @@ def load_adaptive(sensor_type: SensorType) -> Callable[[Any], Estimate | None]:
 
 
 def load_follower(sensor_type: SensorType) -> Callable[[Any], Estimate]:
-    """Return the same for the successive messages of one sensor: a scan with those before it.
+    """Return the same for the successive messages of one sensor.
+
+    A scan is estimated with those before it, a frame with the history of the camera's exposure.
 
     Raises
     ------
@@ -83,7 +85,14 @@ def load_follower(sensor_type: SensorType) -> Callable[[Any], Estimate]:
         If the network's file is missing or not murk's.
     """
     if sensor_type == "camera":
-        return load_network(sensor_type)
+        from models.estimate.camera import CameraEstimator
+
+        next_frame = CameraEstimator().follow()
+
+        def estimate_frame(frame: Frame) -> Estimate:
+            return next_frame(frame.image, frame.stamp_ns)
+
+        return estimate_frame
     from models.estimate.radar import RadarEstimator
 
     return RadarEstimator().follow()

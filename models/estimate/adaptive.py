@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.estimate.camera import CameraEstimator
+from models.estimate.exposure import ExposureHistory
 from models.estimate.level import Estimate
 
 GLANCE = 0.25
@@ -32,6 +33,7 @@ class AdaptiveCamera:
         self._steady = False
         self._level = -np.inf
         self._stamp_ns = 0
+        self._history: ExposureHistory | None = None
 
     def estimate(self, image: NDArray[np.uint8], stamp_ns: int) -> Estimate | None:
         """Return the estimate of the next frame, or None where it is left out.
@@ -46,16 +48,17 @@ class AdaptiveCamera:
         since_s = (stamp_ns - self._stamp_ns) * 1e-9
         if self._steady and 0 <= since_s < LONGEST_REST_S:
             return None
-        estimate = self._look(image)
+        estimate, self._history = self._look(image, stamp_ns)
         self._steady = self._sure and abs(estimate.level - self._level) < STEADY_POINTS
         self._level, self._stamp_ns = estimate.level, stamp_ns
         return estimate
 
-    def _look(self, image: NDArray[np.uint8]) -> Estimate:
+    def _look(self, image: NDArray[np.uint8], stamp_ns: int) -> tuple[Estimate, ExposureHistory]:
+        """Return what a glance says where that is enough, else a whole look, and the history."""
         if self._sure:
-            glance = self._camera.estimate(image, GLANCE)
+            glance, history = self._camera.estimate_next(self._history, image, stamp_ns, GLANCE)
             if glance.std < SURE_STD:
-                return glance
-        whole = self._camera.estimate(image)
+                return glance, history
+        whole, history = self._camera.estimate_next(self._history, image, stamp_ns)
         self._sure = whole.std < SURE_STD
-        return whole
+        return whole, history

@@ -18,6 +18,8 @@ bands of a few full rows spread over the height, so that the cost does not grow 
 
 from __future__ import annotations
 
+from math import prod
+
 import cv2
 import numpy as np
 from cv2.typing import MatLike
@@ -25,7 +27,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dbc.errors import InputError
-from models.estimate.image_places import FLOOR, LOG_DETAIL, means, places
+from models.estimate.image_places import FLOOR, LOG_DETAIL, PLACES, brightness_of, means, places
 from models.estimate.level import LEVELS
 
 _ROWS = 8
@@ -40,6 +42,9 @@ _STREAK_ROWS = 4
 _EVERY_PLACE = 4
 _LEAST_SHARE = 1e-5
 _DIAGONAL_STEPS = (2, 4)
+_PLACE_RANKS = (7, 21, 36, 50, 64)
+_AT_HISTOGRAMS = prod(PLACES) + prod(PLACES[1:])
+_HISTOGRAM = 64 + 8 + 8
 
 
 def _fourier() -> NDArray[np.float32]:
@@ -113,6 +118,38 @@ def image_features(image: NDArray[np.uint8], effort: float = 1.0) -> NDArray[np.
         _diagonals(planes[1]),
     ]
     return np.concatenate(parts, dtype=np.float32)
+
+
+def exposure(features: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return how a frame is exposed, from its features: what is kept of it for those that follow.
+
+    Returns
+    -------
+    (7,) float64: log2 of the brightness, counts, of five places in rank, dimmest first, and the
+    roots of the shares of pixels that are black (0 or 1) and clipped (254 or 255).
+    """
+    brightness = features[: prod(PLACES[1:])]
+    return _exposure(brightness, features[_AT_HISTOGRAMS:][: 3 * _HISTOGRAM])
+
+
+def exposures(image: NDArray[np.uint8], tables: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Return how a frame would be exposed after each of some tables (n, 256) of values: (n, 7)."""
+    planes = _bands(_at_least_one_segment(image), 1.0)
+    found = []
+    for table in tables:
+        changed = np.asarray(cv2.LUT(planes, table), np.uint8)
+        found.append(_exposure(brightness_of(changed), _histograms(changed)))
+    return np.array(found)
+
+
+def _exposure(
+    brightness: NDArray[np.float32], histograms: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    ranked = np.sort(brightness)[list(_PLACE_RANKS)] * 255.0
+    of_channels = histograms.reshape(3, _HISTOGRAM)
+    ends = np.stack([of_channels[:, 64:66], of_channels[:, -2:]])
+    shares = np.sqrt(np.square(ends).sum(axis=(1, 2)) / 3)
+    return np.concatenate([np.log2(ranked + 0.5), shares], dtype=np.float64)
 
 
 def _at_least_one_segment(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

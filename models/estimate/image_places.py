@@ -35,7 +35,7 @@ def places(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
     brightest = cv2.max(cv2.max(planes[0], green), planes[2])
     return np.array(
         [
-            means(green) / 255,
+            brightness_of(planes),
             np.log(means(detail) + FLOOR),
             _ends(darkest, np.minimum) / 255,
             _ends(brightest, np.maximum) / 255,
@@ -43,6 +43,11 @@ def places(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
         ],
         np.float32,
     )
+
+
+def brightness_of(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return the brightness of each place, 0 to 1, (72,), of planes as ``places`` takes them."""
+    return means(planes[1]) / np.float32(255)
 
 
 def means(plane: MatLike) -> NDArray[np.float32]:

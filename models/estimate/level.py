@@ -14,7 +14,7 @@ LEVELS = np.arange(0.0, 101.0, 10.0)
 
 OUTER_KINDS = ("fog", "rain", "snow", "dirt", "motion")
 """Kinds that come about outside the camera: weather, dirt on the lens, motion."""
-CAMERA_KINDS = (
+IMAGE_KINDS = (
     "clean",
     "blur",
     "over",
@@ -27,7 +27,9 @@ CAMERA_KINDS = (
     "dead",
     *OUTER_KINDS,
 )
-"""Kinds that the camera's network tells apart; drops and a tunnel's mouth are not among them."""
+"""Kinds that one frame shows; drops on the lens are not among them."""
+CAMERA_KINDS = (*IMAGE_KINDS, "tunnel")
+"""Kinds that the camera's network tells apart, the last of them by what was before the frame."""
 RADAR_KINDS = (
     "clean",
     "snr",

@@ -24,6 +24,10 @@ MAIN_KINDS = KINDS
 """Kinds of the four that the goals are set for: blur, over, under, noise."""
 COMBINED = ("under+noise", "blur+noise")
 """Kinds that come together: the light fails and the sensor is noisy, or the focus fails."""
+TUNNEL_PERIOD = 100
+"""Frames from one mouth of an injected tunnel to the next: out into the light, into the dark."""
+TUNNEL_FRAMES = 24
+"""From a tunnel's mouth until 95 % of its transient is over: three time constants."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +193,11 @@ class Answers:
         }
 
 
+def tunnel_sequence(rng: np.random.Generator) -> int:
+    """Return the number of a frame in a tunnel's transient, at either mouth, after many others."""
+    return 1000 + TUNNEL_PERIOD * int(rng.integers(2)) + int(rng.integers(TUNNEL_FRAMES))
+
+
 def degrade(
     kind: str, level: float, key: DrawKey, image: Image, method: Method = "fast"
 ) -> tuple[str, Image]:
@@ -252,6 +261,8 @@ def degraded(
             key = DrawKey(seed, frame.name, draw_number)
             choice = key.generator("kind and level")
             kind, level = kinds[int(choice.integers(len(kinds)))], float(choice.choice(LEVELS))
+            if kind == "tunnel":
+                key = DrawKey(seed, frame.name, tunnel_sequence(choice))
             true_kind, result = degrade(kind, level, key, image, method)
             yield index, true_kind, level, result
 

@@ -70,12 +70,21 @@ def clip_frames(data: Path, clip: str, *, every: int = 1) -> list[Frame]:
 
 
 def track(
-    estimator: CameraEstimator, frames: Sequence[Frame], truth: Sequence[tuple[str, float]]
+    estimator: CameraEstimator,
+    frames: Sequence[Frame],
+    truth: Sequence[tuple[str, float]],
+    *,
+    alone: bool = False,
 ) -> Track:
-    """Return what an estimator says of frames degraded frame by frame as ``truth`` says."""
+    """Return what is said of frames that are degraded one by one as ``truth`` says.
+
+    In a run, each with the history of those before it, or each ``alone``.
+    """
+    look = (lambda image, _: estimator.estimate(image)) if alone else estimator.follow()
     estimates = [
-        estimator.estimate(
-            degrade(kind, level, DrawKey(0, frame.sensor, frame.sequence), frame.image)[1]
+        look(
+            degrade(kind, level, DrawKey(0, frame.sensor, frame.sequence), frame.image)[1],
+            frame.stamp_ns,
         )
         for frame, (kind, level) in zip(frames, truth, strict=True)
     ]

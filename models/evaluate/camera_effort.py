@@ -30,7 +30,7 @@ def effort_table(estimator: CameraEstimator, data: Path, every: int) -> Table:
     """
     rows = []
     ways: dict[str, Callable[[], Look]] = {
-        "whole look at every frame": lambda: lambda image, _: estimator.estimate(image),
+        "whole look at every frame": estimator.follow,
         "adaptive": lambda: AdaptiveCamera(estimator).estimate,
     }
     clips = [clip_frames(data, clip, every=every) for clip in CLIPS]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.degrade.draw import DrawKey
-from models.degrade.kinds import KINDS, module_of
+from models.degrade.kinds import KINDS
 from models.estimate.camera import CameraEstimator
 from models.estimate.level import CAMERA_KINDS, LEVELS
 from models.evaluate.camera import (
@@ -31,7 +31,6 @@ FURTHER_KINDS = tuple(kind for kind in CAMERA_KINDS[1:] if kind not in MAIN_KIND
 
 _COLUMNS = ("frames", "level right, %", "mean error, points", "mean std, points", "kind right, %")
 _UNTOLD_LEVELS = (30.0, 60.0, 100.0)
-_TUNNEL_FRAMES = 100  # from one mouth of an injected tunnel to the next
 _SIZES = ((640, 360), (960, 540), (1280, 720), (1600, 900), (1920, 1080))
 _WORLD_SEEDS = range(2**31 + 200, 2**31 + 204)
 _WORLD_FRAMES = (0, 100)
@@ -85,8 +84,8 @@ def untold_table(estimator: CameraEstimator, frames: Sequence[CleanFrame]) -> Ta
     for kind in sorted(set(KINDS["camera"]) - set(CAMERA_KINDS)):
         for level in _UNTOLD_LEVELS:
             estimates = [
-                estimator.estimate(_inject(kind, level, frame, number))
-                for number, frame in enumerate(frames)
+                estimator.estimate(degrade(kind, level, DrawKey(0, frame.name, 0), frame.read())[1])
+                for frame in frames
             ]
             said = Counter(estimate.kind for estimate in estimates).most_common(2)
             shares = ", ".join(f"{name} {100 * n / len(frames):.0f} %" for name, n in said)
@@ -94,14 +93,6 @@ def untold_table(estimator: CameraEstimator, frames: Sequence[CleanFrame]) -> Ta
             rows.append((kind, level, len(frames), mean, shares))
     columns = ("kind", "level, %", "frames", "mean level said, %", "kinds said most")
     return Table("Camera: kinds that it does not tell", columns, tuple(rows))
-
-
-def _inject(kind: str, level: float, frame: CleanFrame, number: int) -> Image:
-    """Return a frame degraded; of a tunnel, at the mouth into the light and the dark in turn."""
-    module = module_of("camera", kind)
-    key = DrawKey(0, frame.name, _TUNNEL_FRAMES * number)
-    image: Image = module.apply(module.draw(kind, level, key), frame.read())
-    return image
 
 
 def beyond_table(

@@ -39,6 +39,7 @@ from models.evaluate.camera_tables import (
     sizes_table,
     untold_table,
 )
+from models.evaluate.camera_tunnel import tunnel_picture, tunnel_table
 from models.evaluate.codecs import Image
 from models.evaluate.filter_rates import filter_results
 from models.evaluate.int8 import int8_copy
@@ -166,6 +167,8 @@ def _in_time(estimator: CameraEstimator, data: Path, every: int) -> Iterator[Res
     frames = camera_clip.clip_frames(data, camera_clip.CLIPS[0], every=every)
     shown = camera_clip.track(estimator, frames, camera_clip.scheduled(len(frames)))
     yield camera_clip.clip_picture("Camera: a real clip with a scheduled injection", shown)
+    yield tunnel_table(estimator, data)
+    yield tunnel_picture(estimator, data)
     tracks = camera_clip.level_tracks(estimator, data, every=2 * every)
     yield camera_clip.step_picture("Camera: a step to 60 %, mean of three clips", tracks)
     answers = [track.answers for track in tracks]

@@ -15,7 +15,26 @@ CAMERA = Table(
             "change, read against the clean frame, tells the level to 8.7 points only (44 % "
             "right; of dirt 8.4 points, 44 %), for drops differ in size. The mean of 32 frames of "
             "a clip, where what sticks to the lens stands still, has its own scene in it: 50 "
-            "points off on a clip that its threshold was not set on",
+            "points off on a clip that its threshold was not set on. Gradient-boosted trees on "
+            "today's features tell drops of 30, 60 and 100 % from clean `val` frames with an area "
+            "under the curve of 0.66, 0.79 and 0.89; with measures of blocks more (detail and "
+            "brightness of each against those beside it) 0.69, 0.82 and 0.92: too little where "
+            "clean frames are 150 times as frequent, and the network said drops of 2 % of frames "
+            "at 70 to 100 % (18,690 samples, at the odds of the samples)",
+        ),
+        (
+            "what was before as inputs of the whole perceptron",
+            "hardly used among 1,486 features: at 27,412 samples, every eleventh in a tunnel, a "
+            "tunnel of 100 % was 53 to 66 points off 16 to 23 frames after its mouth in three "
+            "clips, with a small network of its own on as many 40; and the schedule of kinds on a "
+            "city clip was 5.1 points off instead of 2.0 alone, for a step was taken for a mouth",
+        ),
+        (
+            "one change of exposure before a sample, of half of them",
+            "what ends is taken for a tunnel's tail: the clean frames after an under-exposure were "
+            "51 to 69 points off, with up to four changes, of two thirds, at most 4. With 16 "
+            "numbers of what the perceptron holds beside, the clean city clip was rated 10 % "
+            "alone, without them 0.1 %",
         ),
         (
             "weather, dirt and motion at the odds of the samples",

@@ -1,6 +1,7 @@
 """Trains the camera's network: ``murk train camera``.
 
-A perceptron on ``image_features``; it answers in logits over the eleven levels and over the kinds.
+A perceptron on ``image_features``, and a small network that tells a tunnel by what was before the
+frame; they answer in logits over the eleven levels and over the kinds.
 Where the data are a user's own drives, without murk's index, the shipped network is fine-tuned on
 them instead.
 """
@@ -16,18 +17,26 @@ from numpy.typing import NDArray
 
 from dbc.errors import MissingExtra
 from models.estimate.camera import VERSION, CameraEstimator
+from models.estimate.exposure import SEEN
 from models.estimate.image_features import image_features
 from models.estimate.level import CAMERA_KINDS, LEVELS
 from models.estimate.network import softmax
 from models.evaluate.camera import Answers, CleanFrame, clean_frames, degraded, measure
 from models.training.camera_card import write_card
 from models.training.camera_frames import Clean, make_samples
+from models.training.camera_history import make_successive
 from models.training.camera_simulated import simulated_frames
 
 try:
     import torch
 
-    from models.training.camera_network import Perceptron, favour_clean, fit
+    from models.training.camera_network import (
+        Perceptron,
+        Successive,
+        favour_clean,
+        fit,
+        fit_tunnel,
+    )
     from models.training.camera_tune import find_drives, tune
     from models.training.export import export
 except ImportError:
@@ -42,6 +51,9 @@ _PEAK_RATE = 3e-3
 
 _PASSES = 18
 _EPOCHS = 40
+_SUCCESSIVE_PASSES = 4
+_TUNNEL_RATE = 5e-3
+_TUNNEL_EPOCHS = 150
 _WORLDS = 20
 _FRAMES_A_WORLD = 6
 _DRAWS = 8
@@ -92,13 +104,26 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
     torch.manual_seed(seed)
     torch.set_num_threads(1)
     features = torch.from_numpy(samples.features)
-    network = Perceptron(features.mean(dim=0), features.std(dim=0) + 1e-2)
-    fit(network, samples, epochs=_EPOCHS, peak_rate=_PEAK_RATE, report=report)
+    image = Perceptron(features.mean(dim=0), features.std(dim=0) + 1e-2)
+    fit(image, samples, epochs=_EPOCHS, peak_rate=_PEAK_RATE, report=report)
+    successive, histories = make_successive(
+        frames, passes=1 if quick else _SUCCESSIVE_PASSES, seed=seed
+    )
+    torch.manual_seed(seed)
+    network = Successive(image)
+    fit_tunnel(
+        network,
+        successive,
+        histories,
+        epochs=_TUNNEL_EPOCHS,
+        peak_rate=_TUNNEL_RATE,
+        report=report,
+    )
     favour_clean(network)
     _calibrate(network, splits["val"], draws=2 if quick else _DRAWS, seed=seed)
     export(
         network,
-        {"features": torch.zeros(1, len(network.mean))},
+        {"features": torch.zeros(1, len(image.mean)), "history": torch.zeros(1, SEEN)},
         output,
         model="camera",
         version=VERSION,
@@ -116,6 +141,7 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
         answers=answers,
         simulated=len(simulated),
         samples=len(samples.levels),
+        successive=len(successive.levels),
         parameters=parameters,
         seed=seed,
     )
@@ -127,14 +153,15 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
     }
 
 
-def _calibrate(network: Perceptron, frames: list[CleanFrame], *, draws: int, seed: int) -> None:
+def _calibrate(network: Successive, frames: list[CleanFrame], *, draws: int, seed: int) -> None:
     """Set the temperature that makes the true level of held-out frames most likely."""
     truth, features = [], []
     for _, _, level, image in degraded(frames, draws=draws, seed=seed + 1):
         truth.append(int(np.searchsorted(LEVELS, level)))
         features.append(image_features(image))
     with torch.no_grad():
-        logits, _ = network(torch.from_numpy(np.array(features)))
+        alone = torch.zeros(len(features), SEEN)
+        logits, _ = network(torch.from_numpy(np.array(features)), alone)
     network.temperature.fill_(_best_temperature(logits.numpy(), np.array(truth)))
 
 

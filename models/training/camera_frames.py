@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from models.degrade.camera import Method
 from models.degrade.draw import DrawKey
 from models.estimate.image_features import image_features
-from models.estimate.level import CAMERA_KINDS, LEVELS, OUTER_KINDS
+from models.estimate.level import CAMERA_KINDS, IMAGE_KINDS, LEVELS, OUTER_KINDS
 from models.evaluate.camera import COMBINED, MAIN_KINDS, degrade
 from models.evaluate.codecs import Image
 from models.training.camera_vary import compress, sense, vary, without_evidence
 
-FURTHER_KINDS = tuple(kind for kind in CAMERA_KINDS[1:] if kind not in (*MAIN_KINDS, *OUTER_KINDS))
+FURTHER_KINDS = tuple(kind for kind in IMAGE_KINDS[1:] if kind not in (*MAIN_KINDS, *OUTER_KINDS))
 
 DEGRADED_PER_FRAME = 10
 _SHARE_OF_LEVELS_BETWEEN = 0.15

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.errors import MissingExtra
+from models.estimate.exposure import SEEN
 from models.estimate.image_places import PLACES
-from models.estimate.level import CAMERA_KINDS, LEVELS, OUTER_KINDS
+from models.estimate.level import CAMERA_KINDS, IMAGE_KINDS, LEVELS, OUTER_KINDS
 from models.training.camera_frames import Samples
 
 try:
@@ -34,15 +35,20 @@ _BATCH = 256
 _WEIGHT_DECAY = 2e-2
 _RANKED_WEIGHT = 2.0
 _CLEAN = CAMERA_KINDS.index("clean")
+_TUNNEL = CAMERA_KINDS.index("tunnel")
 _CLEAN_WEIGHT = 3.0  # most frames of a drive are clean: a false alarm is the costliest error
 _CLEAN_LOG_ODDS = 5.0  # 150 times as often in a drive as among the samples
-_OUTER = [CAMERA_KINDS.index(kind) for kind in OUTER_KINDS]
 _OUTER_LOG_ODDS = -3.0  # a hazy or soft scene is no degradation: what it is must be sure
+_TUNNEL_ALONE = -4.0  # a scene may be dark or bright by itself
+_TUNNEL_IN_A_RUN = -2.0
+_SHARE_ALONE = 0.5
 _STANDARD_DEVIATIONS = 5.0
+_NEVER = -30.0
+_LEAST_LOG = -12.0
 
 
 class Perceptron(torch.nn.Module):
-    """Two hidden layers on standardised features; the level's logits divided by a temperature.
+    """Two hidden layers on one frame's standardised features.
 
     Before them, two small layers look at every place of the frame in the same way: at it and its
     neighbours, and at how it differs from the whole. What they see on average and at most goes to
@@ -61,7 +67,6 @@ class Perceptron(torch.nn.Module):
 
     mean: Tensor
     std: Tensor
-    temperature: Tensor
     middle: Tensor
     spread: Tensor
     height: Tensor
@@ -70,7 +75,6 @@ class Perceptron(torch.nn.Module):
         super().__init__()
         self.register_buffer("mean", mean)
         self.register_buffer("std", std)
-        self.register_buffer("temperature", torch.ones(()))
         measures, rows, _ = PLACES
         mean_of_places, variance = (
             of[: prod(PLACES)].reshape(measures, -1) for of in (mean, std.square())
@@ -95,15 +99,15 @@ class Perceptron(torch.nn.Module):
             torch.nn.Linear(hidden, hidden),
             torch.nn.SiLU(),
             torch.nn.Dropout(0.1),
-            torch.nn.Linear(hidden, len(CAMERA_KINDS) * len(LEVELS)),
+            torch.nn.Linear(hidden, len(IMAGE_KINDS) * len(LEVELS)),
         )
 
     def joint(self, features: Tensor) -> Tensor:
-        """Return logits of kind and level together, (batch, kinds, 11)."""
+        """Return logits of kind and level together, (batch, 15, 11)."""
         limit = _STANDARD_DEVIATIONS
         standard = ((features - self.mean) / self.std).clamp(-limit, limit)
         inputs = torch.cat([standard, self._seen(features)], dim=1)
-        return self.layers(inputs).reshape(-1, len(CAMERA_KINDS), len(LEVELS))
+        return self.layers(inputs).reshape(-1, len(IMAGE_KINDS), len(LEVELS))
 
     def _seen(self, features: Tensor) -> Tensor:
         """Return the mean and the most of what is seen over all places, (batch, 2 × seen)."""
@@ -114,19 +118,72 @@ class Perceptron(torch.nn.Module):
         seen = self.look(torch.cat([places, places - whole, heights], dim=1))
         return torch.cat([seen.mean(dim=(2, 3)), seen.amax(dim=(2, 3))], dim=1)
 
-    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
+
+class Successive(torch.nn.Module):
+    """What one frame shows, and what those before it add: the kind that only they tell.
+
+    To the frame's own answer, which stays as it is, a small network adds a tunnel's row. It sees
+    what was before, and how probable the frame alone makes each kind and level. Before it is
+    fitted, it never says a tunnel. To the logits by the samples' odds come those of a drive, for a
+    frame alone and in a run; the level's are divided by ``temperature``.
+
+    Parameters
+    ----------
+    image:
+        The perceptron, fitted.
+    """
+
+    alone: Tensor
+    in_a_run: Tensor
+    temperature: Tensor
+
+    def __init__(self, image: Perceptron) -> None:
+        super().__init__()
+        odds = torch.zeros(len(CAMERA_KINDS), len(LEVELS))
+        odds[_TUNNEL] = _NEVER
+        self.register_buffer("alone", odds)
+        self.register_buffer("in_a_run", odds.clone())
+        self.register_buffer("temperature", torch.ones(()))
+        self.image = image
+        inputs = SEEN + len(IMAGE_KINDS) + len(LEVELS)
+        self.tunnel = torch.nn.Sequential(
+            torch.nn.Linear(inputs, 48),
+            torch.nn.SiLU(),
+            torch.nn.Linear(48, 32),
+            torch.nn.SiLU(),
+            torch.nn.Linear(32, len(LEVELS)),
+        )
+
+    def joint(self, answer: Tensor, history: Tensor) -> Tensor:
+        """Return logits of kind and level together, (batch, 16, 11), by the samples' odds.
+
+        Parameters
+        ----------
+        answer:
+            What the perceptron's ``joint`` returns.
+        history:
+            (batch, 41), what ``models.estimate.exposure.seen_before`` returns.
+        """
+        alone = answer.flatten(1).log_softmax(dim=1).view_as(answer)
+        sure = [alone.logsumexp(dim=of).clamp(min=_LEAST_LOG) / -_LEAST_LOG for of in (2, 1)]
+        row = self.tunnel(torch.cat([history, *sure], dim=1))
+        return torch.cat([alone, row.unsqueeze(1)], dim=1)
+
+    def forward(self, features: Tensor, history: Tensor) -> tuple[Tensor, Tensor]:
         """Return logits of level (batch, 11) and of kind (batch, kinds)."""
-        joint = self.joint(features)
+        odds = torch.where(history[:, :1, None] > 0, self.in_a_run, self.alone)
+        joint = self.joint(self.image.joint(features), history) + odds
         return joint.logsumexp(dim=1) / self.temperature, joint.logsumexp(dim=2)
 
 
-def favour_clean(network: Perceptron) -> None:
+def favour_clean(network: Successive) -> None:
     """Turn the odds of the kinds from those of the samples to those of a drive."""
-    *_, bias = network.parameters()
-    with torch.no_grad():
-        by_kind = bias.view(len(CAMERA_KINDS), len(LEVELS))
-        by_kind[_CLEAN, 0] += _CLEAN_LOG_ODDS
-        by_kind[_OUTER] += _OUTER_LOG_ODDS
+    for odds, of_tunnel in ((network.alone, _TUNNEL_ALONE), (network.in_a_run, _TUNNEL_IN_A_RUN)):
+        odds.zero_()
+        odds[_CLEAN, 0] = _CLEAN_LOG_ODDS
+        for kind in OUTER_KINDS:
+            odds[CAMERA_KINDS.index(kind)] = _OUTER_LOG_ODDS
+        odds[_TUNNEL] = of_tunnel
 
 
 def fit(
@@ -165,6 +222,49 @@ def fit(
         if (epoch + 1) % (epochs // 10) == 0:
             report({"epoch": epoch + 1, "of": epochs, "loss": total / len(features)})
     network.to("cpu").eval()
+
+
+def fit_tunnel(
+    network: Successive,
+    samples: Samples,
+    histories: NDArray[np.float32],
+    *,
+    epochs: int,
+    peak_rate: float,
+    report: Callable[[dict[str, object]], None],
+) -> None:
+    """Train what tells a tunnel by what was before a frame; the rest of the network stays.
+
+    Parameters
+    ----------
+    histories:
+        (n, draws, 41), several of each sample, of which every epoch takes one; and every second
+        time none at all.
+    epochs, peak_rate, report:
+        As for ``fit``.
+    """
+    with torch.no_grad():
+        features = torch.split(torch.from_numpy(samples.features), _BATCH)
+        answers = torch.cat([network.image.joint(part) for part in features])
+    levels = torch.from_numpy(_spread_over_levels(samples.levels))
+    optimizer = torch.optim.AdamW(network.tunnel.parameters())
+    steps = epochs * -(-len(answers) // _BATCH)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, peak_rate, total_steps=steps)
+    drawn, kinds = torch.from_numpy(histories), torch.from_numpy(samples.kinds)
+    for epoch in range(epochs):
+        total = 0.0
+        for batch in torch.split(torch.randperm(len(answers)), _BATCH):
+            history = drawn[batch, torch.randint(drawn.shape[1], batch.shape)]
+            history = history.masked_fill(torch.rand(len(batch), 1) < _SHARE_ALONE, 0)
+            loss = _loss(network.joint(answers[batch], history), levels[batch], kinds[batch])
+            optimizer.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            optimizer.step()
+            schedule.step()
+            total += loss.item() * len(batch)
+        if (epoch + 1) % (epochs // 10) == 0:
+            report({"tunnel's epoch": epoch + 1, "of": epochs, "loss": total / len(answers)})
+    network.eval()
 
 
 def _spread_over_levels(levels: NDArray[np.float32]) -> NDArray[np.float32]:

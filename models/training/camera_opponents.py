@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from dbc.errors import InputError, MissingExtra
 from models.estimate.camera import VERSION, CameraEstimator
+from models.estimate.exposure import SEEN
 from models.estimate.image_features import image_features
 from models.estimate.level import CAMERA_KINDS, LEVELS, Estimate
 from models.evaluate.camera import clean_frames, measure
@@ -36,7 +37,7 @@ from models.evaluate.codecs import Image
 from models.evaluate.opponents import Opponent
 from models.evaluate.timing import median_us, one_thread
 from models.training.camera_frames import MAIN_ONLY, Clean, Samples, make_samples
-from models.training.camera_network import Perceptron, fit
+from models.training.camera_network import Perceptron, Successive, fit
 from models.training.camera_paper import CROP, crop, fit_paper, paper_network, probabilities
 from models.training.camera_simulated import simulated_frames
 
@@ -196,10 +197,12 @@ def _own(
     features = torch.from_numpy(samples.features)
     network = Perceptron(features.mean(dim=0), features.std(dim=0) + 1e-2, hidden)
     fit(network, samples, epochs=_EPOCHS, peak_rate=3e-3, report=report)
-    example = {"features": features[:1]}
+    example = {"features": features[:1], "history": torch.zeros(1, SEEN)}
     with TemporaryDirectory() as folder:
         file = Path(folder) / "camera.onnx"
-        export(network, example, file, model="camera", version=VERSION, kinds=CAMERA_KINDS)
+        export(
+            Successive(network), example, file, model="camera", version=VERSION, kinds=CAMERA_KINDS
+        )
         estimator = CameraEstimator(file)
     return Trained(
         lambda image: estimator.estimate(_shrunk(image, shrink)),

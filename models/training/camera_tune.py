@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 from dbc.errors import InputError
 from drivers.camera import IMAGE_SUFFIXES, VIDEO_SUFFIXES, open_camera_source
 from models.estimate.camera import VERSION, CameraEstimator
+from models.estimate.exposure import SEEN
 from models.estimate.level import CAMERA_KINDS
 from models.estimate.network import WEIGHTS
 from models.evaluate.camera import Answers, measure
 from models.training.camera_frames import DEGRADED_PER_FRAME, join, make_samples
-from models.training.camera_network import Perceptron, fit
+from models.training.camera_history import make_successive
+from models.training.camera_network import Perceptron, Successive, fit, fit_tunnel
 from models.training.export import export
 
 _MOST_FRAMES = 160
@@ -111,10 +113,12 @@ def tune(
     torch.manual_seed(seed)
     torch.set_num_threads(1)
     network = shipped_network()
-    fit(network, samples, epochs=_EPOCHS, peak_rate=_PEAK_RATE, report=report)
+    fit(network.image, samples, epochs=_EPOCHS, peak_rate=_PEAK_RATE, report=report)
+    successive, histories = make_successive(learnt, passes=1, seed=seed)
+    fit_tunnel(network, successive, histories, epochs=_EPOCHS, peak_rate=_PEAK_RATE, report=report)
     export(
         network,
-        {"features": torch.zeros(1, len(network.mean))},
+        {"features": torch.zeros(1, len(network.image.mean)), "history": torch.zeros(1, SEEN)},
         output,
         model="camera",
         version=VERSION,
@@ -146,13 +150,13 @@ def tune(
     }
 
 
-def shipped_network() -> Perceptron:
+def shipped_network() -> Successive:
     """Return the network that murk ships, to be trained further."""
     weights = {
         tensor.name: torch.from_numpy(onnx.numpy_helper.to_array(tensor).copy())
         for tensor in onnx.load(WEIGHTS / "camera.onnx").graph.initializer
     }
-    network = Perceptron(weights["mean"], weights["std"])
+    network = Successive(Perceptron(weights["image.mean"], weights["image.std"]))
     network.load_state_dict({name: weights[name] for name in network.state_dict()})
     return network
 

@@ -6,8 +6,10 @@ from numpy.typing import NDArray
 
 from models.estimate.adaptive import GLANCE, LONGEST_REST_S, AdaptiveCamera
 from models.estimate.camera import CameraEstimator
+from models.estimate.exposure import MEASURES, ExposureHistory
 from models.estimate.level import LEVELS, Estimate
 
+begin = ExposureHistory.begin
 IMAGE = np.zeros((4, 4, 3), np.uint8)
 STEP_NS = 40_000_000
 
@@ -18,11 +20,23 @@ class Scripted(CameraEstimator):
     def __init__(self) -> None:
         self.level, self.sure = 0.0, True
         self.efforts: list[float] = []
+        self.histories: list[ExposureHistory | None] = []
 
-    def estimate(self, image: NDArray[np.uint8], effort: float = 1.0) -> Estimate:
+    def estimate_next(
+        self,
+        history: ExposureHistory | None,
+        image: NDArray[np.uint8],
+        stamp_ns: int,
+        effort: float = 1.0,
+    ) -> tuple[Estimate, ExposureHistory]:
         self.efforts.append(effort)
-        probabilities = (self.level == LEVELS) * 1.0 if self.sure else np.full(11, 1 / 11)
-        return Estimate(probabilities, {"clean": 1.0}, effort)
+        self.histories.append(history)
+        probabilities = (
+            np.where(self.level == LEVELS, 1.0, 0.0) if self.sure else np.full(11, 1 / 11)
+        )
+        exposed = np.full(MEASURES, effort)
+        after = history.after(stamp_ns, exposed) if history else begin(stamp_ns, exposed)
+        return Estimate(probabilities, {"clean": 1.0}, effort), after
 
 
 @pytest.fixture
@@ -56,6 +70,23 @@ def test_a_glance_that_is_not_sure_becomes_a_whole_look(camera: Scripted) -> Non
     camera.sure = False
     assert adaptive.estimate(IMAGE, STEP_NS) is not None
     assert camera.efforts == [1.0, GLANCE, 1.0]
+
+
+def test_a_frame_looked_at_twice_is_taken_in_once_as_it_was_looked_at_last(
+    camera: Scripted,
+) -> None:
+    adaptive = AdaptiveCamera(camera)
+    adaptive.estimate(IMAGE, 0)
+    camera.sure = False
+    adaptive.estimate(IMAGE, STEP_NS)
+    adaptive.estimate(IMAGE, 2 * STEP_NS)
+    first, glance, whole, then = camera.histories
+    assert first is None
+    assert glance is whole is not None
+    assert whole.stamp_ns == 0
+    assert then is not None
+    assert then.stamp_ns == STEP_NS
+    assert np.all(then.averages == 1.0)
 
 
 def test_a_level_that_moves_gets_no_rest(camera: Scripted) -> None:

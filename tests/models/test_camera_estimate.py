@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -11,13 +13,18 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from dbc.errors import InputError
+from drivers.frame import Frame
 from drivers.video import open_video
 from models.degrade.camera import KINDS, apply, draw
 from models.degrade.draw import DrawKey
+from models.degrade.imager import apply as apply_imager
+from models.degrade.imager import draw as draw_imager
 from models.estimate.camera import CameraEstimator
 from models.estimate.level import CAMERA_KINDS, Estimate
-from models.evaluate.camera import clean_frames, degrade, measure
+from models.evaluate.camera import TUNNEL_PERIOD, clean_frames, degrade, measure
 from models.evaluate.camera_tables import extremes
+from models.world.camera import WorldCamera
+from models.world.road import World
 
 CLIPS = ("day_highway_960x540_25fps", "day_city_1242x374_10fps", "night_1920x1080_30fps")
 
@@ -98,6 +105,64 @@ def test_threads_and_memory_layout_change_nothing(estimator: CameraEstimator) ->
     assert np.array_equal(alone, estimator.estimate(mirrored).probabilities)
 
 
+@pytest.fixture(scope="module")
+def drive() -> list[Frame]:
+    """Return a second and a half of a simulated drive, in the dark from the middle on."""
+    camera = WorldCamera(World(5, 1.5), width=640, height=360, rate_hz=20.0)
+    gain = draw_imager("tunnel", 60.0, DrawKey(0, "camera", TUNNEL_PERIOD))
+    return [
+        replace(frame, image=apply_imager(gain, frame.image)) if frame.sequence >= 15 else frame
+        for frame in camera.frames()
+    ]
+
+
+def test_the_first_frame_of_a_run_is_one_alone_and_those_after_it_are_not(
+    estimator: CameraEstimator, drive: list[Frame]
+) -> None:
+    look = estimator.follow()
+    run = [look(frame.image, frame.stamp_ns).probabilities for frame in drive]
+    alone = [estimator.estimate(frame.image).probabilities for frame in drive]
+    assert np.array_equal(run[0], alone[0])
+    assert not np.array_equal(run[15], alone[15])
+
+
+def test_runs_do_not_know_of_each_other_and_can_be_repeated(
+    estimator: CameraEstimator, drive: list[Frame]
+) -> None:
+    first, second = estimator.follow(), estimator.follow()
+    one, other = [], []
+    for ahead, behind in zip(drive, [None, *drive[:-1]], strict=True):
+        one.append(first(ahead.image, ahead.stamp_ns).probabilities)
+        if behind is not None:
+            other.append(second(behind.image, behind.stamp_ns).probabilities)
+    assert np.array_equal(one[:-1], other)
+
+
+@pytest.mark.parametrize("silence_s", [3600, -3600])
+def test_after_a_silence_or_with_a_clock_set_back_a_frame_is_one_alone(
+    estimator: CameraEstimator, drive: list[Frame], silence_s: int
+) -> None:
+    look = estimator.follow()
+    for frame in drive:
+        look(frame.image, frame.stamp_ns)
+    image, stamp_ns = drive[0].image, drive[-1].stamp_ns + silence_s * 10**9
+    later = look(image, stamp_ns)
+    assert np.array_equal(later.probabilities, estimator.estimate(image).probabilities)
+
+
+def test_a_frame_that_comes_late_or_twice_is_one_alone_and_leaves_no_trace(
+    estimator: CameraEstimator, drive: list[Frame]
+) -> None:
+    history = None
+    for frame in drive[:5]:
+        _, history = estimator.estimate_next(history, frame.image, frame.stamp_ns)
+    for late in (drive[4], drive[2]):
+        estimate, after = estimator.estimate_next(history, late.image, late.stamp_ns)
+        assert after is history
+        alone = estimator.estimate(late.image)
+        assert np.array_equal(estimate.probabilities, alone.probabilities)
+
+
 def test_accuracy_on_real_frames(estimator: CameraEstimator, data: Path) -> None:
     frames = clean_frames(data, "val")[::2]
     answers = measure(estimator.estimate, frames, draws=4)
@@ -155,6 +220,27 @@ def test_weather_and_motion_by_day_are_told(
     assert {estimate.kind for estimate in said[60.0]} == {kind}
     means = [np.mean([estimate.level for estimate in estimates]) for estimates in said.values()]
     assert means == sorted(means)
+
+
+@pytest.mark.parametrize("into", [0, 1])
+def test_a_tunnel_is_told_by_what_was_before(
+    estimator: CameraEstimator, data: Path, into: int
+) -> None:
+    mouth, level = 30, 100.0
+    look, told = estimator.follow(), []
+    with open_video(data / "camera" / "clips" / f"{CLIPS[1]}.mp4", "camera") as source:
+        for frame in islice(source, mouth + 20):
+            number = (10 + into) * TUNNEL_PERIOD + frame.sequence - mouth
+            kind = "tunnel" if frame.sequence >= mouth else "clean"
+            key = DrawKey(0, "camera", number)
+            image = degrade("tunnel", level if kind == "tunnel" else 0.0, key, frame.image)[1]
+            run, alone = look(image, frame.stamp_ns), estimator.estimate(image)
+            told.append([each.kind_probabilities["tunnel"] for each in (run, alone)])
+            assert kind == "tunnel" or run.level < 3
+    run, alone = np.array(told).T
+    assert run[:mouth].max() < 0.1
+    assert run[mouth + 8 :].mean() > 0.5
+    assert run[mouth + 8 :].mean() > alone[mouth + 8 :].mean() + 0.2
 
 
 def test_a_stronger_degradation_is_rated_higher(estimator: CameraEstimator, data: Path) -> None:

@@ -12,6 +12,7 @@ import torch
 
 from dbc.errors import InputError
 from models.estimate.camera import CameraEstimator
+from models.estimate.exposure import SEEN, UNSEEN
 from models.estimate.image_features import FEATURES, image_features
 from models.training.camera import train
 from models.training.camera_tune import find_drives, shipped_network
@@ -21,7 +22,8 @@ def test_the_shipped_network_is_taken_up_where_it_stands() -> None:
     image = np.random.default_rng(0).integers(0, 256, (90, 160, 3), np.uint8)
     network = shipped_network().eval()
     with torch.no_grad():
-        level, _ = network(torch.from_numpy(image_features(image)).reshape(1, FEATURES))
+        features = torch.from_numpy(image_features(image)).reshape(1, FEATURES)
+        level, _ = network(features, torch.from_numpy(UNSEEN).reshape(1, SEEN))
     shipped = CameraEstimator().estimate(image).probabilities
     np.testing.assert_allclose(level[0].softmax(dim=0).numpy(), shipped, atol=1e-5)
 

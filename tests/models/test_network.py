@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from dbc.errors import ModelError
 from models.estimate.camera import VERSION
+from models.estimate.exposure import SEEN
 from models.estimate.image_features import FEATURES
 from models.estimate.level import CAMERA_KINDS
 from models.estimate.network import WEIGHTS, Network, softmax
@@ -19,7 +20,8 @@ CAMERA = WEIGHTS / "camera.onnx"
 def load(
     path: Path, model: str = "camera", version: int = VERSION, features: int = FEATURES
 ) -> Network:
-    return Network(path, model=model, version=version, inputs={"features": (1, features)})
+    inputs = {"features": (1, features), "history": (1, SEEN)}
+    return Network(path, model=model, version=version, inputs=inputs)
 
 
 def test_shipped_camera_network_knows_its_kinds() -> None:

@@ -15,6 +15,7 @@ from dbc.errors import InputError
 from drivers.ars408_cycles import find_cycles
 from drivers.can_frames import concatenate
 from drivers.candump import read_candump, write_candump
+from drivers.video import open_video
 from models.world.radar import WorldRadar
 from models.world.road import World
 from node.batch import Row, estimate_paths
@@ -88,6 +89,28 @@ def test_a_window_takes_in_the_scans_before(data: Path) -> None:
     assert follow[0].estimate.level == alone[0].estimate.level
     later = [row.estimate.level for row in follow[3:]]
     assert later != [row.estimate.level for row in alone[3:]]
+
+
+def test_images_know_nothing_of_each_other_and_frames_of_a_video_do(
+    small: Path, tmp_path: Path
+) -> None:
+    frames = [row.estimate for row in estimate_paths([small / "drive.mp4"])]
+    with open_video(small / "drive.mp4", "camera") as source:
+        for frame in source:
+            cv2.imwrite(str(tmp_path / f"{frame.sequence}.png"), frame.image)
+    images = [row.estimate for row in estimate_paths([tmp_path])]
+    backwards = [
+        next(estimate_paths([tmp_path / f"{n}.png"])).estimate for n in reversed(range(len(images)))
+    ]
+    assert len(frames) == len(images) > 1
+    for one, other in zip(images, reversed(backwards), strict=True):
+        assert np.array_equal(one.probabilities, other.probabilities)
+    same = [
+        np.array_equal(one.probabilities, other.probabilities)
+        for one, other in zip(frames, images, strict=True)
+    ]
+    assert same[0]
+    assert not any(same[1:])
 
 
 def test_a_degraded_data_set_is_scored_by_its_labels(small: Path, tmp_path: Path) -> None:
