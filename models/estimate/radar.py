@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -15,7 +16,7 @@ from models.estimate.level import LEVELS, Estimate
 from models.estimate.network import WEIGHTS, Network
 from models.estimate.radar_window import INPUTS, RECENT, VERSION, ScanWindow
 
-LEAST_OVERLAP = 0.5
+LEAST_OVERLAP = 0.55
 """Overlap of what a window and its newest scans say, below which they contradict each other.
 
 On simulated drives at a constant level it hardly ever comes to that (see ``docs/estimate.md``).
@@ -97,9 +98,19 @@ class RadarEstimator:
                 kind_probabilities=dict.fromkeys(kinds, 1 / len(kinds)),
             )
         whole, newest = self._network.run_each({"window": inputs})
-        if window.contradicted(overlap(whole, newest) < LEAST_OVERLAP):
+        if window.contradicted(contradict(whole, newest)):
             return self._network.run_each({"window": window.restart()})[0]
         return whole
+
+
+def contradict(whole: Estimate, newest: Estimate) -> bool:
+    """Tell whether the newest scans contradict the whole window.
+
+    The window's probabilities count by their square roots: it is far surer of one level than few
+    scans can be, and to mean the one beside it is no contradiction.
+    """
+    roots = np.sqrt(whole.probabilities)
+    return overlap(replace(whole, probabilities=roots / roots.sum()), newest) < LEAST_OVERLAP
 
 
 def overlap(one: Estimate, other: Estimate) -> float:

@@ -92,9 +92,8 @@ def inputs(scans: Sequence[Evidence], *lengths: int) -> NDArray[np.float32]:
     result[:, :FEATURES] = of_scans @ rows[:, :FEATURES]
     result[:, FEATURES:FOLLOWS] = np.sqrt(of_pairs @ rows[:, FEATURES:])
     for place, length in enumerate(lengths):
-        result[place, FOLLOWS:] = _extent(
-            scans[-1].view.stamp_ns - scans[-length].view.stamp_ns, length
-        )
+        elapsed_ns = scans[-1].view.stamp_ns - scans[-length].view.stamp_ns
+        result[place, FOLLOWS:] = extent(elapsed_ns, length)
     return result
 
 
@@ -106,8 +105,11 @@ def _weights(scans: int, lengths: tuple[int, ...]) -> tuple[Floats, Floats]:
     return (before_last < length) / length, (before_last < length - 1) / np.maximum(length - 1, 1)
 
 
-def _extent(elapsed_ns: int, length: int) -> tuple[float, float, float]:
-    """Return whether there is more than one scan, how many, and of what spacing they are."""
+def extent(elapsed_ns: int, length: int) -> tuple[float, float, float]:
+    """Return whether there is more than one scan, how many, and of what spacing they are.
+
+    The last two as logarithms of the number and of the spacing over 0.2 s; zeros for one scan.
+    """
     if length == 1:
         return 0.0, 0.0, 0.0
     spacing_s = max(elapsed_ns * 1e-9 / (length - 1), _SHORTEST_GAP_S)

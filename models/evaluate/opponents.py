@@ -8,7 +8,7 @@ networks' weights.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -38,7 +38,8 @@ class Opponent:
         Run time of one estimate, everything included, and that of murk's network measured beside
         it on the same machine, one thread, microseconds.
     tables:
-        By split: by kind (``all`` first): ``count``, ``accuracy``, ``mean_error`` and so on.
+        By split, or by what of a radar it was measured on: by kind (``all`` first): ``count``,
+        ``accuracy``, ``mean_error`` and so on.
     """
 
     name: str
@@ -64,7 +65,9 @@ def read_opponents(sensor: str) -> list[Opponent]:
     ]
 
 
-def opponent_points(sensor: str, shipped_run_time_us: float, unit: str) -> Iterator[Point]:
+def opponent_points(
+    sensor: str, shipped_run_time_us: float, unit: str, splits: Sequence[str] = ("test",)
+) -> Iterator[Point]:
     """Yield error against run time of every opponent that ships; a curve for a common first word.
 
     Parameters
@@ -72,10 +75,13 @@ def opponent_points(sensor: str, shipped_run_time_us: float, unit: str) -> Itera
     shipped_run_time_us:
         What the shipped network takes now. The opponents' run times are those of then, times this
         over what it took beside them then.
+    splits:
+        Where it was measured; of several the first that an opponent has.
     """
     for opponent in sorted(read_opponents(sensor), key=lambda one: one.parameters):
         curve, _, knob = opponent.name.partition("_")
         run_time_us = opponent.run_time_us * shipped_run_time_us / opponent.shipped_run_time_us
-        error = opponent.tables["test"]["all"]["mean_error"]
+        split = next(split for split in splits if split in opponent.tables)
+        error = opponent.tables[split]["all"]["mean_error"]
         knob = knob.replace("_", " ") or "as it is"
         yield Point(f"opponent {curve}", knob, run_time_us, error, unit)

@@ -22,6 +22,7 @@ from models.world.road import World
 Estimator = Callable[[RadarScan], Estimate]
 
 _COLUMNS = ("x", "y", "vx", "vy", "rcs")
+_HALF_STEP = (LEVELS[1] - LEVELS[0]) / 2
 _NUMBERS = {kind: number for number, kind in enumerate(RADAR_KINDS)}
 
 
@@ -148,14 +149,28 @@ class Answers:
         np.add.at(table, (self.kinds[known], self.kind_probabilities[known].argmax(1)), 1)
         return table
 
+    @property
+    def stds(self) -> NDArray[np.float64]:
+        """Standard deviation of each answer, points, (n,)."""
+        apart = LEVELS - (self.probabilities @ LEVELS)[:, np.newaxis]
+        return np.asarray(np.sqrt((self.probabilities * apart**2).sum(axis=1)))
+
     def figures(self) -> dict[str, float]:
-        """Return accuracy, mean error in points, and mean −log probability of the truth, nats."""
+        """Return what they amount to.
+
+        ``accuracy``, ``mean_error`` in points, ``log_loss``: mean −log probability of the truth,
+        nats; ``std``: mean standard deviation, points; ``within``: share of those whose true level
+        is no more than two standard deviations from the mean, or than half a step of the levels.
+        """
         true = self.probabilities[np.arange(len(self.levels)), np.searchsorted(LEVELS, self.levels)]
+        near = self.errors <= np.maximum(2 * self.stds, _HALF_STEP)
         return {
             "count": len(self.levels),
             "accuracy": float(self.hits.mean()),
             "mean_error": float(self.errors.mean()),
             "log_loss": float(-np.log(np.maximum(true, 1e-300)).mean()),
+            "std": float(self.stds.mean()),
+            "within": float(near.mean()),
         }
 
     def by_drive(self) -> dict[int, dict[str, float]]:

@@ -12,7 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
+
+from drivers.scan import RadarScan
 from models.estimate.level import LEVELS
+from models.estimate.radar_view import view
 from models.evaluate.answer_plots import expected_calibration_error, reliability
 from models.evaluate.radar import Answers, joined
 
@@ -40,6 +44,8 @@ class LeftOutAnswers:
         How often each true kind (rows) was taken for each kind, in the order of ``RADAR_KINDS``.
     levels:
         By kind, the mean estimated level at each true one, %, 11 each.
+    kinds:
+        By kind, its ``Answers.figures``.
     """
 
     count: int
@@ -51,6 +57,7 @@ class LeftOutAnswers:
     confusion: list[list[int]]
     kind_confusion: list[list[int]]
     levels: dict[str, list[float]]
+    kinds: dict[str, dict[str, float]]
 
     @classmethod
     def of(cls, kinds: Mapping[str, Answers], bounds: Sequence[Answers]) -> LeftOutAnswers:
@@ -68,20 +75,56 @@ class LeftOutAnswers:
                 [round(float(value), _DIGITS) for value in values]
                 for values in reliability(snr.probabilities, snr.levels)
             ],
-            bounds=[
-                [round(each.figures()[name], _DIGITS) for name in ("accuracy", "mean_error")]
-                for each in bounds
-            ],
+            bounds=[_accuracy_and_error(each) for each in bounds],
             confusion=snr.confusion().tolist(),
             kind_confusion=joined(list(kinds.values())).kind_confusion().tolist(),
             levels={kind: mean_levels(answers) for kind, answers in kinds.items()},
+            kinds={
+                kind: {name: round(value, _DIGITS) for name, value in answers.figures().items()}
+                for kind, answers in kinds.items()
+            },
         )
+
+
+def _accuracy_and_error(answers: Answers) -> list[float]:
+    figures = answers.figures()
+    return [round(figures[name], _DIGITS) for name in ("accuracy", "mean_error")]
 
 
 def mean_levels(answers: Answers) -> list[float]:
     """Return the mean estimated level at each true one, %, (11,)."""
     estimated = answers.probabilities @ LEVELS
     return [round(float(estimated[answers.levels == level].mean()), 1) for level in LEVELS]
+
+
+@dataclass(frozen=True, slots=True)
+class OneDrive:
+    """What one scan of a drive tells; each an accuracy and a mean error in points.
+
+    Attributes
+    ----------
+    name, speed:
+        Of the drive; its median speed, m/s.
+    reached:
+        By the network.
+    neighbours:
+        If the clean scans before and after were known; see ``models.training.radar_told``.
+    gone:
+        By the best test with the clean scan in hand, from which echoes are gone.
+    """
+
+    name: str
+    speed: float
+    reached: list[float]
+    neighbours: list[float]
+    gone: list[float]
+
+    @classmethod
+    def of(cls, name: str, scans: Sequence[RadarScan], *answers: Answers) -> OneDrive:
+        """Return it from the answers to ``snr``: reached, neighbours known, clean scan known."""
+        motions = [view(scan).motion for scan in scans]
+        speed = float(np.median([np.hypot(each.ahead, each.left) for each in motions]))
+        return cls(name, round(speed, 1), *(_accuracy_and_error(each) for each in answers))
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +135,8 @@ class LeftOut:
     ----------
     scan, window:
         One recorded scan, and seven successive ones at 2 Hz.
+    drives:
+        What one scan of each drive tells, and of all of them.
     step_errors:
         With and without the window's restart: mean error of the filtered level by scan, points, at
         as many scans before a step between 0 and 60 %, up or down, as after it.
@@ -99,6 +144,7 @@ class LeftOut:
 
     scan: LeftOutAnswers
     window: LeftOutAnswers
+    drives: list[OneDrive]
     step_errors: dict[str, list[float]]
 
     def write(self, path: Path) -> None:
@@ -112,5 +158,6 @@ class LeftOut:
         return cls(
             LeftOutAnswers(**content["scan"]),
             LeftOutAnswers(**content["window"]),
+            [OneDrive(**each) for each in content["drives"]],
             content["step_errors"],
         )

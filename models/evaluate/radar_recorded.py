@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from models.estimate.level import LEVELS, RADAR_KINDS
 from models.evaluate.answer_plots import bins_picture
-from models.evaluate.radar_left_out import LeftOut, LeftOutAnswers
+from models.evaluate.radar_left_out import LeftOut, LeftOutAnswers, OneDrive
 from models.evaluate.report import Goal, Result, Table
 
 _BOUNDS = ("gone, clean known", "gone and moved")
@@ -25,14 +25,11 @@ def recorded_results(left_out: LeftOut) -> Iterator[Result]:
         "Radar: recorded drives left out of the training, and the bound",
         ("right / mean error, points", "answers", "reached", *_BOUNDS),
         tuple(
-            (
-                name,
-                each.count,
-                *(f"{100 * right:.1f} % / {error:.1f}" for right, error in _pairs(each)),
-            )
+            (name, each.count, *map(_pair, _pairs(each)))
             for name, each in (("one recorded scan", scan), ("seven recorded scans", window))
         ),
     )
+    yield _drives(left_out.drives)
     for name, each in (("one recorded scan", scan), ("seven recorded scans", window)):
         counts, confidence, right = map(np.array, each.reliability)
         error = f"expected calibration error {each.calibration_error:.1%}"
@@ -41,10 +38,29 @@ def recorded_results(left_out: LeftOut) -> Iterator[Result]:
         )
         yield confusion_table(f"Radar: {name}, confusion, %", each.confusion)
         yield kinds_table(f"Radar: {name}, kinds, %", RADAR_KINDS, each.kind_confusion)
+        yield errors_table(f"Radar: error by kind, {name}", each.kinds)
     yield levels_table(
         "Radar: seven recorded scans, estimated level by true level, %", window.levels
     )
     yield _steps(left_out.step_errors)
+
+
+def _drives(drives: Sequence[OneDrive]) -> Table:
+    """Return what one scan of each drive tells, beside what it could."""
+    rows: list[tuple[str | float, ...]] = [
+        (each.name, each.speed, *map(_pair, (each.reached, each.neighbours, each.gone)))
+        for each in drives
+    ]
+    columns = (
+        *("drive left out", "median speed, m/s", "reached, right / mean error, points"),
+        *("clean scans before and after known", "this clean scan known"),
+    )
+    return Table("Radar: one recorded scan by drive, and what is missing", columns, tuple(rows))
+
+
+def _pair(figures: Sequence[float]) -> str:
+    right, error = figures
+    return f"{100 * right:.1f} % / {error:.1f}"
 
 
 def _pairs(answers: LeftOutAnswers) -> list[list[float]]:
@@ -69,6 +85,26 @@ def levels_table(title: str, levels: dict[str, list[float]]) -> Table:
         for kind, row in levels.items()
     ]
     return Table(title, ("kind", *(f"{level:.0f}" for level in LEVELS), "apart"), tuple(rows))
+
+
+def errors_table(title: str, kinds: Mapping[str, Mapping[str, float]]) -> Table:
+    """Return how far off every kind is, and whether the answers know it, from its figures."""
+    rows = [
+        (
+            kind,
+            int(each["count"]),
+            100 * each["accuracy"],
+            each["mean_error"],
+            each["std"],
+            100 * each["within"],
+        )
+        for kind, each in kinds.items()
+    ]
+    columns = (
+        *("kind", "answers", "level right, %", "mean error, points", "mean std, points"),
+        "truth within two std, %",
+    )
+    return Table(title, columns, tuple(rows))
 
 
 def _shares(names: Sequence[str], counts: Sequence[Sequence[int]]) -> tuple[tuple[str, ...], ...]:

@@ -2,9 +2,9 @@
 
 Perceptrons on ``radar_window`` in one file: some for a scan alone, some for a scan with those
 before it. They answer in logits over the eleven levels and over the kinds. What they can do on a
-drive they have not seen is measured first, by leaving each recorded drive out in turn; the
-temperatures of the probabilities come from those answers too. The network that is written is then
-trained the same way on all drives.
+drive they have not seen is measured by leaving each recorded drive out in turn; so is how sure they
+may be, see ``models.training.radar_temperature``. The network that is written is trained the same
+way on all drives.
 """
 
 from __future__ import annotations
@@ -22,13 +22,9 @@ from models.estimate.network import softmax
 from models.estimate.radar import RadarEstimator
 from models.estimate.radar_features import FEATURES
 from models.estimate.radar_window import FOLLOWS, INPUTS, VERSION
-from models.evaluate.radar import (
-    Answers,
-    Drive,
-    recorded_drives,
-)
-from models.training.radar_card import write_card
-from models.training.radar_results import answers_to_unseen, measured
+from models.evaluate.radar import Drive, recorded_drives
+from models.training.radar_card import TEMPERATURES, write_card
+from models.training.radar_results import measured
 from models.training.radar_scans import Amounts, Samples, make_samples
 
 try:
@@ -37,6 +33,7 @@ try:
 
     from models.training.device import best_device
     from models.training.export import export
+    from models.training.radar_temperature import Temperature, temper
 except ImportError:
     raise MissingExtra("train", "murk train radar") from None
 
@@ -73,6 +70,8 @@ _SMALLEST_STD = 0.02
 
 _AMOUNTS = Amounts(repeats=10, joined=3000, worlds=200, sparse=200)
 _QUICK_AMOUNTS = Amounts(repeats=1, joined=20, worlds=2, sparse=5)
+_HELD_OUT = Amounts(repeats=1, joined=0, worlds=40, sparse=0, steps=0)
+_QUICK_HELD_OUT = Amounts(repeats=1, joined=0, worlds=2, sparse=0, steps=0)
 _QUICK_DRIVES = 2
 _QUICK_SCANS = 7
 
@@ -116,24 +115,27 @@ class Perceptron(torch.nn.Module):
 class RadarNet(torch.nn.Module):
     """Answers by one perceptron for a scan alone, by another for a scan with others before it.
 
-    Logits of the level are divided by the temperature of that perceptron.
+    Logits of the level are divided by a temperature; see ``models.training.radar_temperature``.
     """
 
-    temperatures: Tensor
     kinds: tuple[str, ...] = RADAR_KINDS
 
     def __init__(self, alone: Perceptron, follows: Perceptron) -> None:
         super().__init__()
         self.alone = alone
         self.follows = follows
-        self.register_buffer("temperatures", torch.ones(2))
+        self.temperature = Temperature()
 
     def forward(self, window: Tensor) -> tuple[Tensor, Tensor]:
         """Return logits of level (batch, 11) and of kind (batch, 8)."""
+        level, kind = self.untempered(window)
+        return level / self.temperature(window[:, FOLLOWS:], kind), kind
+
+    def untempered(self, window: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the same before the division."""
         follows = window[:, FOLLOWS : FOLLOWS + 1] > 0.5
         logits = torch.where(follows, self.follows(window), self.alone(window))
-        temperature = torch.where(follows, self.temperatures[1], self.temperatures[0])
-        return logits[:, : len(LEVELS)] / temperature, logits[:, len(LEVELS) :]
+        return logits[:, : len(LEVELS)], logits[:, len(LEVELS) :]
 
     def run_each(self, inputs: Mapping[str, NDArray[np.float32]]) -> list[Estimate]:
         """Return the estimate for each window, as ``models.estimate.network.Network`` does."""
@@ -186,12 +188,12 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
     for index, drive in enumerate(drives):
         folds.append(fit(samples.without(index), seed))
         report({"trained without": drive.name, "fold": index + 1, "of": len(drives)})
-    unseen = [(RadarEstimator(fold), drive) for fold, drive in zip(folds, drives, strict=True)]
-    alone, follows = answers_to_unseen(unseen, seed=seed)
-    temperatures = (_temperature(alone), _temperature(follows))
     network = fit(samples, seed)
-    for each in (*folds, network):
-        each.temperatures.copy_(torch.tensor(temperatures))
+    held_out = make_samples(drives, _QUICK_HELD_OUT if quick else _HELD_OUT, seed=seed + 1)
+    for index, fold in enumerate(folds):
+        others = {other: each for other, each in enumerate(folds) if other != index}
+        temper(fold, others, held_out)
+    temper(network, dict(enumerate(folds)), held_out)
     export(
         network,
         {"window": torch.zeros(2, INPUTS)},
@@ -200,6 +202,7 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
         version=VERSION,
         kinds=RADAR_KINDS,
     )
+    unseen = [(RadarEstimator(fold), drive) for fold, drive in zip(folds, drives, strict=True)]
     results = measured(unseen, RadarEstimator(output), quick=quick, seed=seed)
     parameters = sum(parameter.numel() for parameter in network.parameters())
     results.left_out.write(output.with_suffix(".json"))
@@ -209,7 +212,7 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
         results=results,
         samples=len(samples.levels),
         parameters=parameters,
-        temperatures=temperatures,
+        temperatures=[network.temperature.of(*each) for each in TEMPERATURES],
         seed=seed,
     )
     return {
@@ -228,13 +231,6 @@ def fit(samples: Samples, seed: int, hidden: int = HIDDEN) -> RadarNet:
     return RadarNet(
         _fit(alone, alone.inputs[:, :FEATURES], hidden), _fit(windows, windows.inputs, hidden)
     ).eval()
-
-
-def fit_alone(samples: Samples, seed: int) -> RadarNet:
-    """Train a network on samples of scans alone; windows it answers in the same way."""
-    torch.manual_seed(seed)
-    alone = _fit(samples, samples.inputs[:, :FEATURES], HIDDEN)
-    return RadarNet(alone, alone).eval()
 
 
 def _fit(samples: Samples, columns: NDArray[np.float32], hidden: int) -> Perceptron:
@@ -276,15 +272,3 @@ def _level_loss(logits: Tensor, levels: Tensor) -> Tensor:
     apart = logits.softmax(dim=1).cumsum(dim=1) - truth.cumsum(dim=1)
     ranked = apart.square().sum(dim=1)
     return functional.cross_entropy(logits, levels, reduction="none") + _RANKED_WEIGHT * ranked
-
-
-def _temperature(answers: Answers) -> float:
-    """Return the temperature under which the true levels are most likely."""
-    truth = np.searchsorted(LEVELS, answers.levels)
-    log = np.log(np.maximum(answers.probabilities, 1e-30))
-
-    def loss(temperature: float) -> float:
-        scaled = softmax(log / temperature)
-        return float(-np.log(scaled[np.arange(len(truth)), truth] + 1e-30).mean())
-
-    return float(min(np.geomspace(0.5, 4.0, 61), key=loss))

@@ -22,8 +22,9 @@ from models.evaluate.radar import (
     step_response,
 )
 from models.evaluate.radar_bound import with_clean_scan
-from models.evaluate.radar_left_out import LeftOut, LeftOutAnswers
+from models.evaluate.radar_left_out import LeftOut, LeftOutAnswers, OneDrive
 from models.training.radar_card import STEP_LEVEL, Results
+from models.training.radar_told import told_neighbours
 
 Unseen = Sequence[tuple[RadarEstimator, Drive]]
 """Estimators, each with the drive that its training left out."""
@@ -34,12 +35,6 @@ _BOUND_STEP = 5
 """Of recorded scans and of simulated drives, the bound is that of every fifth."""
 _TEST_WORLDS = range(2**31, 2**31 + 60)
 """Worlds that no training draws: its seeds are below."""
-
-
-def answers_to_unseen(unseen: Unseen, *, seed: int) -> tuple[Answers, Answers]:
-    """Return what each estimator says to scans of its drive alone, and to windows of seven."""
-    alone = [measure(one.estimate, [drive], draws=1, seed=seed) for one, drive in unseen]
-    return joined(alone), _sequences(unseen, None, 1, seed)
 
 
 def measured(unseen: Unseen, shipped: RadarEstimator, *, quick: bool, seed: int) -> Results:
@@ -87,6 +82,9 @@ def measured(unseen: Unseen, shipped: RadarEstimator, *, quick: bool, seed: int)
         left_out=LeftOut(
             scan=LeftOutAnswers.of(scans, bounds[0]),
             window=LeftOutAnswers.of(windows, bounds[1]),
+            drives=_by_drive(
+                drives, scans["snr"], told_neighbours(drives, seed=seed), bounds[0][0]
+            ),
             step_errors={
                 name: _step_errors(unseen, recent, seed)
                 for name, recent in (("with restart", RECENT), ("without", WINDOW))
@@ -101,6 +99,20 @@ def measured(unseen: Unseen, shipped: RadarEstimator, *, quick: bool, seed: int)
         bounds=bounds,
         step=step_response(shipped.follow, stepped, radar_filter, level=STEP_LEVEL, seed=seed),
     )
+
+
+def _by_drive(drives: Sequence[Drive], *answers: Answers) -> list[OneDrive]:
+    """Return what one scan of each drive tells, then of all."""
+    every = [scan for drive in drives for scan in drive.scans]
+    return [
+        *(
+            OneDrive.of(
+                drive.name, drive.scans, *(each.among(each.drives == k) for each in answers)
+            )
+            for k, drive in enumerate(drives)
+        ),
+        OneDrive.of("all", every, *answers),
+    ]
 
 
 def _sequences(

@@ -36,8 +36,6 @@ _SECOND = 14
 _STRIDE, _STRIDES = 7, 8
 """Every seventh simulated scan is one of the recorded drives' 2 Hz."""
 _SHARE_WITH_QUALITY = 0.7
-_STEPS = 2
-"""Sequences with a step of ``snr`` at each clean one that is longer than a scan."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,45 +81,92 @@ class Amounts:
     joined:
         Scans joined of two recorded ones.
     worlds:
-        Simulated drives; of each a second of scans and four seconds of every seventh scan.
+        Simulated drives; of each a second of scans, and every seventh scan of four seconds.
     sparse:
         Recorded scans of which one to forty clusters are left, so that a scan of few clusters is
         known to say little.
+    steps:
+        Sequences with a step of ``snr`` of each clean one that is longer than a scan.
     """
 
     repeats: int
     joined: int
     worlds: int
     sparse: int
+    steps: int = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Degraded:
+    """Successive degraded scans.
+
+    Attributes
+    ----------
+    scans:
+        In order of time.
+    kind:
+        Of the degradation.
+    levels:
+        Of each scan, %.
+    origin:
+        The one or two drives that they come from, by index, or ``SIMULATED``.
+    """
+
+    scans: list[RadarScan]
+    kind: str
+    levels: list[float]
+    origin: tuple[int, int]
+
+
+def degraded_sequences(
+    drives: Sequence[Drive], amounts: Amounts, rng: np.random.Generator, seed: int
+) -> Iterator[Degraded]:
+    """Yield every clean sequence, degraded in every way.
+
+    At all levels of ``snr``, once by each other kind, and with steps of ``snr``.
+
+    Parameters
+    ----------
+    rng:
+        Chooses and joins the clean scans, and draws levels and steps.
+    seed:
+        Of the degradations.
+    """
+    for number, (scans, origin) in enumerate(_clean_sequences(drives, amounts, rng)):
+        for kind, course in _courses(len(scans), rng, amounts.steps):
+            pairs = zip(scans, course, strict=True)
+            sequence = [degraded(scan, kind, level, seed + number) for scan, level in pairs]
+            yield Degraded(sequence, kind, course, origin)
 
 
 def make_samples(drives: Sequence[Drive], amounts: Amounts, *, seed: int) -> Samples:
-    """Return samples of every scan of every clean sequence, degraded in every way.
+    """Return samples of every scan of all ``degraded_sequences``.
 
-    At all levels of ``snr``, once by each other kind, and with steps of ``snr``. A scan is
-    one sample alone, and one with some of those before it if there are any.
+    A scan is one sample alone, and one with some of those before it if there are any. Simulated
+    scans at 2 Hz stand alone only: their echoes are found again where those of recorded ones are
+    not, which would teach to expect it.
     """
     rows, levels, kinds, origins = [], [], [], []
     rng = np.random.default_rng(seed)
-    for number, (scans, origin) in enumerate(_clean_sequences(drives, amounts, rng)):
-        for kind, course in _courses(len(scans), rng):
-            pairs = zip(scans, course, strict=True)
-            sequence = [degraded(scan, kind, level, seed + number) for scan, level in pairs]
-            for own, level in zip(_windows(sequence, rng), course, strict=True):
-                rows += own
-                levels += [int(np.searchsorted(LEVELS, level))] * len(own)
-                kinds += [RADAR_KINDS.index(kind if level else "clean")] * len(own)
-                origins += [origin] * len(own)
-    return Samples(np.array(rows), np.array(levels), np.array(kinds), np.array(origins))
+    for sequence in degraded_sequences(drives, amounts, rng, seed):
+        windows = _windows(sequence.scans, rng)
+        for own, level in zip(windows, sequence.levels, strict=True):
+            rows += own
+            levels += [int(np.searchsorted(LEVELS, level))] * len(own)
+            kinds += [RADAR_KINDS.index(sequence.kind if level else "clean")] * len(own)
+            origins += [sequence.origin] * len(own)
+    samples = Samples(np.array(rows), np.array(levels), np.array(kinds), np.array(origins))
+    sparse = samples.inputs[:, -1] > 0.0  # spacing longer than the typical one
+    return samples.among(~(sparse & (samples.drives == SIMULATED).all(axis=1)))
 
 
-def _courses(n: int, rng: np.random.Generator) -> Iterator[tuple[str, list[float]]]:
+def _courses(n: int, rng: np.random.Generator, steps: int) -> Iterator[tuple[str, list[float]]]:
     """Yield kinds with the level of each of n scans."""
     for level in LEVELS:
         yield "snr", [float(level)] * n
     for kind in RADAR_KINDS[2:]:
         yield kind, [float(rng.choice(LEVELS))] * n
-    for _ in range(_STEPS if n > 1 else 0):
+    for _ in range(steps if n > 1 else 0):
         first = int(rng.integers(1, n))
         before, after = rng.choice(LEVELS, 2)
         yield "snr", [float(before)] * first + [float(after)] * (n - first)

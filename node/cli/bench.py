@@ -31,7 +31,6 @@ BENCHES = {
     "decode": ("node.bench.decode", "node.bench.run"),
     "degrade": ("models.evaluate.degrade", "models.evaluate.peers"),
     "estimate": ("models.evaluate.estimate", "models.evaluate.estimate_radar"),
-    "opponents": ("models.training.radar_opponents",),
     "stability": ("models.evaluate.stability",),
     "switch": ("node.bench.switch",),
 }

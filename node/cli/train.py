@@ -13,7 +13,6 @@ from typing import Annotated
 
 import typer
 
-from dbc.errors import SceneError
 from node.cli.output import emit, plain_console
 
 
@@ -45,8 +44,8 @@ def train(
     opponent: Annotated[
         str | None,
         typer.Option(
-            help="Train what the camera's network is compared with: regressor, trees, paper, "
-            "paper_as_written, width_16 (64, 192), shrunk_2 (4).",
+            help="Train what the network is compared with: regressor, trees, paper, width_64; "
+            "another name lists all.",
             metavar="NAME",
         ),
     ] = None,
@@ -62,9 +61,6 @@ def train(
             console.print("  ".join(f"{name} {value}" for name, value in progress.items()))
 
     if opponent:
-        if sensor is not Sensor.camera:
-            where = f"--opponent {opponent}"
-            raise SceneError(where, "is the camera's", "for the radar's: murk bench opponents")
         training = import_module(f"models.training.{sensor}_opponents")
         output = output or Path(f"{sensor}_{opponent}.json")
         train_network = partial(training.train_opponent, opponent)

@@ -1,11 +1,10 @@
-"""The best test with the clean scan in hand, and the opponents that it is compared with."""
+"""The best test with the clean scan in hand."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from drivers.scan import RadarScan
 from models.estimate.level import LEVELS
 from models.evaluate.radar import Drive, degraded, simulated_drive
 from models.evaluate.radar_bound import log_likelihood, with_clean_scan
@@ -41,18 +40,3 @@ def test_moves_tell_more_than_losses_and_two_scans_more_than_one(drives: list[Dr
     gone, moved = error(1, moves=False), error(1, moves=True)
     assert moved < 2.0 < gone < 15.0
     assert error(2, moves=False) < gone
-
-
-def test_opponent_has_as_many_parameters_as_the_paper_says(drives: list[Drive]) -> None:
-    torch = pytest.importorskip("torch")
-    pytest.importorskip("sklearn")
-    from models.training.radar_opponents import PaperNetwork, raw_columns
-
-    network = PaperNetwork(torch.zeros(18), torch.ones(18))
-    assert sum(parameter.numel() for parameter in network.parameters()) == 21_739
-    scans: list[RadarScan] = [drives[0].scans[0], drives[1].scans[1]]
-    clusters = [torch.from_numpy(raw_columns(scan)) for scan in scans]
-    both = network(clusters)
-    np.testing.assert_allclose(
-        both[1].detach().numpy(), network(clusters[1:])[0].detach().numpy(), rtol=1e-4, atol=1e-5
-    )

@@ -9,9 +9,9 @@ import pytest
 
 from models.estimate.level import LEVELS, RADAR_KINDS, Estimate
 from models.estimate.network import WEIGHTS
-from models.evaluate.radar import Answers, gather
-from models.evaluate.radar_left_out import LeftOut, LeftOutAnswers
-from models.evaluate.radar_recorded import levels_table, recorded_results
+from models.evaluate.radar import Answers, gather, simulated_drive
+from models.evaluate.radar_left_out import LeftOut, LeftOutAnswers, OneDrive
+from models.evaluate.radar_recorded import errors_table, levels_table, recorded_results
 from models.evaluate.report import Goal, Picture, Table
 
 
@@ -32,7 +32,9 @@ def left_out() -> LeftOut:
     kinds = {kind: answers(kind, number % 3) for number, kind in enumerate(RADAR_KINDS[1:], 1)}
     bounds = [answers("snr", 0), answers("snr", 1)]
     reached = LeftOutAnswers.of(kinds, bounds)
-    return LeftOut(reached, reached, {"with restart": [1.0, 2.0, 40.0, 3.0]})
+    drive = simulated_drive(3, 100, 3)
+    every = OneDrive.of("all", drive.scans, kinds["snr"], bounds[1], bounds[0])
+    return LeftOut(reached, reached, [every], {"with restart": [1.0, 2.0, 40.0, 3.0]})
 
 
 def test_it_says_what_was_answered(left_out: LeftOut) -> None:
@@ -45,6 +47,7 @@ def test_it_says_what_was_answered(left_out: LeftOut) -> None:
     assert scan.levels["missed"] == LEVELS.tolist()
     assert scan.levels["snr"][:2] == [5.0, 15.0]
     assert np.trace(scan.kind_confusion) == 20 * (len(RADAR_KINDS) - 1)
+    assert scan.kinds["snr"]["accuracy"] == scan.accuracy
 
 
 def test_it_is_read_as_it_was_written(left_out: LeftOut, tmp_path: Path) -> None:
@@ -63,6 +66,9 @@ def test_goals_and_tables_show_it(left_out: LeftOut) -> None:
     assert confusion[0][:3] == ("0", "50", "50")
     steps = tables["Radar: recorded drives at 2 Hz, error after a step of 60 points, by scan"]
     assert steps.rows == (("with restart", 1.5, "40", "3"),)
+    (every,) = tables["Radar: one recorded scan by drive, and what is missing"].rows
+    assert every[2:] == ("54.5 % / 4.5", "54.5 % / 4.5", "100.0 % / 0.0")
+    assert float(every[1]) > 1.0
     assert sum(isinstance(each, Picture) for each in results) == 2
 
 
@@ -72,10 +78,24 @@ def test_levels_that_are_right_are_0_apart() -> None:
     assert table.rows[1][-1] == pytest.approx(np.abs(LEVELS - 50).mean())
 
 
+def test_an_answer_that_is_wide_enough_has_the_truth_within_it() -> None:
+    right = np.eye(11)
+    wide = Estimate(np.full(11, 1 / 11), dict.fromkeys(RADAR_KINDS, 1 / len(RADAR_KINDS)))
+    far = Estimate(right[10], wide.kind_probabilities)
+    near = Estimate(right[3], wide.kind_probabilities)
+    answers = gather([(0, "missed", 30.0, each) for each in (wide, far, near)])
+    (row,) = errors_table("any", {"missed": answers.figures()}).rows
+    assert row[:2] == ("missed", 3)
+    assert row[2:] == pytest.approx((100 / 3, 30.0, np.sqrt(1000) / 3, 200 / 3))
+
+
 def test_what_ships_holds_every_kind_and_meets_the_goals_of_seven_scans() -> None:
     shipped = LeftOut.read(WEIGHTS / "radar.json")
     for each in (shipped.scan, shipped.window):
         assert set(each.levels) == set(RADAR_KINDS[1:])
         assert len(each.kind_confusion) == len(RADAR_KINDS)
+        assert each.calibration_error <= 0.05
+    assert [each.name for each in shipped.drives[-1:]] == ["all"]
+    assert shipped.drives[-1].reached == [shipped.scan.accuracy, shipped.scan.mean_error]
     goals = [each for each in recorded_results(shipped) if isinstance(each, Goal)]
     assert all(goal.met for goal in goals if "seven" in goal.name)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.scan import RadarScan
 from models.estimate.level import LEVELS, Estimate
-from models.estimate.radar import RadarEstimator, overlap
+from models.estimate.radar import RadarEstimator, contradict, overlap
 from models.estimate.radar_window import CONTRADICTIONS, FOLLOWS, KEPT, RECENT, WINDOW, ScanWindow
 from models.evaluate.radar import degraded, simulated_drive
 
@@ -107,3 +107,14 @@ def test_overlap_is_1_for_equal_distributions_and_less_for_others(
     assert overlap(a, b) == overlap(b, a)
     assert -1e-12 <= overlap(a, b) <= 1.0 + 1e-12
     assert overlap(certain(2), certain(3)) == 0.0
+
+
+def test_to_mean_the_level_beside_it_is_no_contradiction() -> None:
+    surely_2, rather_3 = (
+        Estimate(np.eye(len(LEVELS))[2] * two + np.eye(len(LEVELS))[3] * (1 - two), {"clean": 1.0})
+        for two in (0.99, 0.3)
+    )
+    assert not contradict(surely_2, surely_2)
+    assert not contradict(surely_2, rather_3)
+    assert contradict(surely_2, certain(4))
+    assert contradict(certain(2), certain(3))

@@ -13,7 +13,7 @@ from models.estimate.level import LEVELS, RADAR_KINDS
 from models.estimate.radar import RadarEstimator
 from models.estimate.radar_features import FEATURES
 from models.estimate.radar_view import EgoMotion, ego_motion
-from models.estimate.radar_window import INPUTS, VERSION
+from models.estimate.radar_window import INPUTS, VERSION, extent
 from models.evaluate.radar import simulated_drive
 from models.evaluate.radar_left_out import LeftOut
 from models.training.radar_scans import SIMULATED, Amounts, join, make_samples
@@ -25,6 +25,7 @@ def test_quick_training_writes_a_network_that_loads_and_its_card(
     data: Path, tmp_path: Path
 ) -> None:
     pytest.importorskip("torch")
+    pytest.importorskip("sklearn")
     from models.training.radar import train
 
     reports: list[dict[str, object]] = []
@@ -71,13 +72,52 @@ def test_onnx_equals_pytorch(tmp_path: Path) -> None:
         )
 
 
+def test_temperature_sharpens_what_is_too_wide_and_leaves_the_order() -> None:
+    torch = pytest.importorskip("torch")
+    from models.training.radar import fit
+    from models.training.radar_temperature import temper
+
+    drives = [simulated_drive(seed, 10, 2) for seed in (1, 2)]
+    held_out = make_samples(drives, replace(SMALL, joined=0, sparse=0, steps=0), seed=5)
+    network = fit(make_samples(drives, SMALL, seed=4), 0)
+    window = torch.from_numpy(held_out.inputs)
+    before, _ = network(window)
+    surprises = []
+    for scale in (1.0, 0.1):  # of the logits
+        for perceptron in (network.alone, network.follows):
+            perceptron.layers[-1].weight.data[: len(LEVELS)] *= scale
+            perceptron.layers[-1].bias.data[: len(LEVELS)] *= scale
+        temper(network, {0: network, 1: network}, held_out)
+        after, _ = network(window)
+        levels = torch.from_numpy(held_out.levels)
+        surprises.append(float(torch.nn.functional.cross_entropy(after.detach(), levels)))
+        np.testing.assert_array_equal(after.argmax(dim=1), before.argmax(dim=1))
+    assert surprises[1] == pytest.approx(surprises[0], rel=0.02)
+
+
+def test_temperature_rises_where_dense_scans_look_like_a_kind_without_a_level() -> None:
+    torch = pytest.importorskip("torch")
+    from models.training.radar_temperature import Temperature
+
+    temperature = Temperature()
+    kinds = torch.eye(len(RADAR_KINDS)) * 20  # logits, each certain of one
+    dense, sparse = (
+        temperature(torch.tensor([extent(round(13 * spacing_s * 1e9), 14)]), kinds).detach()[:, 0]
+        for spacing_s in (0.072, 0.5)
+    )
+    np.testing.assert_allclose(sparse, 1.0)
+    doubted = [kind for kind, value in zip(RADAR_KINDS, dense, strict=True) if value > 2.0]
+    assert doubted == [kind for kind in RADAR_KINDS if kind not in ("clean", "snr", "jitter")]
+    assert sum(dense == 1.0) == len(RADAR_KINDS) - len(doubted)
+
+
 def test_samples_repeat_and_leave_a_drive_out_completely() -> None:
     drives = [simulated_drive(seed, 10, 2) for seed in (1, 2, 3)]
     samples = make_samples(drives, SMALL, seed=4)
     again = make_samples(drives, SMALL, seed=4)
     np.testing.assert_array_equal(samples.inputs, again.inputs)
     courses, steps = len(LEVELS) + len(RADAR_KINDS) - 2, 2
-    single, recorded, simulated = (6 + 5) * courses, 2 * 3 * (2 + 1), (14 + 13) + (8 + 7)
+    single, recorded, simulated = (6 + 5) * courses, 2 * 3 * (2 + 1), (14 + 13) + 8
     assert len(samples.levels) == single + (recorded + simulated) * (courses + steps)
     assert set(samples.kinds) == set(range(len(RADAR_KINDS)))
     assert np.bincount(samples.levels, minlength=11).min() >= 6
