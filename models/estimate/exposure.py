@@ -7,6 +7,7 @@ exp(−Δt/τ): any spacing of the frames, and two steps give what one of their 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
@@ -15,14 +16,16 @@ from numpy.typing import NDArray
 
 MEASURES = 7
 """How many numbers say how a frame is exposed; see ``image_features.exposure``."""
-TIME_CONSTANTS_S = np.array([0.15, 0.6, 2.5, 10.0])
+TIME_CONSTANTS_S = (0.15, 0.6, 2.5, 10.0)
 """Of the averages, s: from a few frames to the drive along a tunnel."""
 LONGEST_GAP_S = 2.0
 """Time without a frame after which what was seen before says nothing, s."""
 
 _PERIOD_S = 0.04
 _FINE = 10.0
-_SEEN = 2 + MEASURES + len(TIME_CONSTANTS_S) * (1 + MEASURES)
+_AT_FILLED = 2 + MEASURES
+_AT_AWAY = _AT_FILLED + len(TIME_CONSTANTS_S)
+_SEEN = _AT_AWAY + len(TIME_CONSTANTS_S) * MEASURES
 _USUAL = 4.0
 
 
@@ -69,8 +72,8 @@ class ExposureHistory:
             return ExposureHistory.begin(stamp_ns, exposure)
         if elapsed_s <= 0:
             return self
-        weight = -np.expm1(-elapsed_s / TIME_CONSTANTS_S)[:, np.newaxis]
-        averages = self.averages + weight * (exposure - self.averages)
+        weights = np.array(_filled(elapsed_s))[:, np.newaxis]
+        averages = self.averages + weights * (exposure - self.averages)
         return ExposureHistory(self.began_ns, stamp_ns, averages)
 
 
@@ -92,11 +95,17 @@ def seen_before(
     if history is None or not 0 < (elapsed_s := history.since_s(stamp_ns)) <= LONGEST_GAP_S:
         return seen
     age_s = (history.stamp_ns - history.began_ns) * 1e-9
-    away = np.arcsinh(_FINE * (exposure - history.averages))
-    filled = -np.expm1(-age_s / TIME_CONSTANTS_S)
-    seen[:2] = 1, np.log2(elapsed_s / _PERIOD_S) / _USUAL
-    seen[2:] = np.concatenate([exposure / _USUAL, filled, np.ravel(away)])
+    seen[0] = 1
+    seen[1] = math.log2(elapsed_s / _PERIOD_S) / _USUAL
+    seen[2:_AT_FILLED] = exposure / _USUAL
+    seen[_AT_FILLED:_AT_AWAY] = _filled(age_s)
+    seen[_AT_AWAY:] = np.arcsinh(_FINE * (exposure - history.averages)).ravel()
     return seen
+
+
+def _filled(elapsed_s: float) -> list[float]:
+    """Return how far each of the averages fills in a time, 0 to 1."""
+    return [-math.expm1(-elapsed_s / time_constant_s) for time_constant_s in TIME_CONSTANTS_S]
 
 
 UNSEEN = seen_before(None, 0, np.zeros(MEASURES))

@@ -27,6 +27,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dbc.errors import InputError
+from models.estimate.exposure import MEASURES
 from models.estimate.image_places import FLOOR, LOG_DETAIL, PLACES, brightness_of, means, places
 from models.estimate.level import LEVELS
 
@@ -42,9 +43,10 @@ _STREAK_ROWS = 4
 _EVERY_PLACE = 4
 _LEAST_SHARE = 1e-5
 _DIAGONAL_STEPS = (2, 4)
-_PLACE_RANKS = (7, 21, 36, 50, 64)
+_PLACE_RANKS = np.array([7, 21, 36, 50, 64])
 _AT_HISTOGRAMS = prod(PLACES) + prod(PLACES[1:])
 _HISTOGRAM = 64 + 8 + 8
+_ENDS = np.array([64, 65, 78, 79])
 
 
 def _fourier() -> NDArray[np.float32]:
@@ -145,11 +147,11 @@ def exposures(image: NDArray[np.uint8], tables: NDArray[np.uint8]) -> NDArray[np
 def _exposure(
     brightness: NDArray[np.float32], histograms: NDArray[np.float32]
 ) -> NDArray[np.float64]:
-    ranked = np.sort(brightness)[list(_PLACE_RANKS)] * 255.0
-    of_channels = histograms.reshape(3, _HISTOGRAM)
-    ends = np.stack([of_channels[:, 64:66], of_channels[:, -2:]])
-    shares = np.sqrt(np.square(ends).sum(axis=(1, 2)) / 3)
-    return np.concatenate([np.log2(ranked + 0.5), shares], dtype=np.float64)
+    measures = np.empty(MEASURES)
+    measures[:5] = np.log2(np.sort(brightness)[_PLACE_RANKS] * 255.0 + 0.5)
+    roots = histograms.reshape(3, _HISTOGRAM)[:, _ENDS]
+    measures[5:] = np.sqrt((roots * roots).reshape(3, 2, 2).sum(axis=(0, 2)) / 3)
+    return measures
 
 
 def _at_least_one_segment(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

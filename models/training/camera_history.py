@@ -57,7 +57,6 @@ _ELSEWHERE = np.array([0.6, 0.6, 0.6, 0.6, 0.6, 0.05, 0.05])
 """Standard deviations of the measures from scene to scene."""
 _STOPS = 0.5
 _COUNTS_LOG2 = (np.log2(0.5), np.log2(255.5))
-_AS_IT_IS = np.arange(256, dtype=np.uint8)[np.newaxis]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,11 +213,6 @@ def in_tunnel(looks: Looks, clean: Image, level: float, sequence: int) -> Exposu
 def _stops(level: float, sequence: int) -> float:
     drawn = draw("tunnel", level, DrawKey(0, "", sequence))
     return float(np.log2(drawn.gain)) if isinstance(drawn, Gain) else 0.0
-
-
-def exposure_of(image: Image) -> Exposure:
-    """Return how an image is exposed, (7,)."""
-    return exposures(image, _AS_IT_IS)[0]
 
 
 def _seen(

@@ -15,7 +15,7 @@ import torch
 from dbc.errors import InputError
 from models.estimate.camera import CameraEstimator
 from models.estimate.exposure import SEEN
-from models.estimate.image_features import FEATURES, image_features
+from models.estimate.image_features import FEATURES, exposure, image_features
 from models.estimate.image_places import PLACES
 from models.estimate.level import CAMERA_KINDS, OUTER_KINDS
 from models.evaluate.camera import TUNNEL_PERIOD, clean_frames
@@ -28,7 +28,6 @@ from models.training.camera_history import (
     SHOTS,
     Looks,
     changed,
-    exposure_of,
     in_tunnel,
     make_successive,
 )
@@ -120,7 +119,7 @@ def test_a_tunnels_history_goes_back_to_before_its_mouth() -> None:
     clean = cv2.resize(rough, (160, 96), interpolation=cv2.INTER_CUBIC)
     looks = Looks(np.arange(40, 0, -1), np.arange(-40, 0) * 40_000_000)
     before = in_tunnel(looks, clean, level=50.0, sequence=1000 + TUNNEL_PERIOD + 4)
-    still = exposure_of(clean)
+    still = exposure(image_features(clean))
     np.testing.assert_allclose(before[20:36], np.tile(still, (16, 1)), atol=0.05)
     darker = still[:5] - before[36:, :5]
     stops = 2.0 * np.exp(-np.arange(4) / 8)

@@ -35,7 +35,7 @@ def test_a_steady_exposure_is_approached_exactly_whatever_the_spacing(
     for step_ns in spacing:
         stamp_ns += step_ns
         history = history.after(stamp_ns, then)
-    left = np.exp(-(sum(spacing) * 1e-9) / TIME_CONSTANTS_S)[:, np.newaxis]
+    left = np.exp(-(sum(spacing) * 1e-9) / np.array(TIME_CONSTANTS_S))[:, np.newaxis]
     np.testing.assert_allclose(history.averages, then + left * (first - then), atol=1e-12)
     assert (history.began_ns, history.stamp_ns) == (start_ns, stamp_ns)
 
