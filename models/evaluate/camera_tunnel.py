@@ -86,7 +86,7 @@ def tunnel_picture(estimator: CameraEstimator, data: Path) -> Picture:
             axis.spines[["top", "right"]].set_visible(False)
         axes[0].set_ylabel("estimated level, %")
         axes[0].set_ylim(-3, 103)
-        axes[0].legend(frameon=False)
+        axes[0].legend(frameon=False, fontsize=8)
 
     return Picture(f"Camera: a tunnel's mouth of {_SHOWN:.0f} % in a real clip", draw)
 

@@ -9,13 +9,22 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from models.degrade.draw import DrawKey
+from models.degrade.imager import Gain
+from models.degrade.imager import draw as draw_imager
 from models.estimate.level import CAMERA_KINDS, LEVELS, Estimate
 from models.evaluate.answer_plots import (
     confusion_picture,
     expected_calibration_error,
     reliability_picture,
 )
-from models.evaluate.camera import COMBINED, Answers, degrade
+from models.evaluate.camera import (
+    COMBINED,
+    TUNNEL_FRAMES,
+    TUNNEL_PERIOD,
+    Answers,
+    degrade,
+    tunnel_sequence,
+)
 from models.evaluate.camera_clip import scheduled
 from models.evaluate.camera_tables import FURTHER_KINDS, extremes, kinds_table
 from models.evaluate.codecs import h264, jpeg
@@ -131,3 +140,18 @@ def test_extremes_are_images() -> None:
     for image in extremes().values():
         assert image.dtype == np.uint8
         assert image.ndim == 3
+
+
+def test_a_tunnels_frames_lie_in_its_transient_at_both_mouths() -> None:
+    def gain(number: int) -> float:
+        drawn = draw_imager("tunnel", 100.0, DrawKey(0, "", number))
+        assert isinstance(drawn, Gain)
+        return drawn.gain
+
+    rng = np.random.default_rng(0)
+    gains = np.array([gain(tunnel_sequence(rng)) for _ in range(200)])
+    stops = np.abs(np.log2(gains))
+    assert stops.max() == 4
+    assert stops.min() == pytest.approx(4 * np.exp(-(TUNNEL_FRAMES - 1) / 8))
+    assert 0.3 < np.mean(gains > 1) < 0.7
+    assert [gain(n * TUNNEL_PERIOD) for n in (4, 5)] == [16, 1 / 16]
