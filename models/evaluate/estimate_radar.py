@@ -30,8 +30,8 @@ at every level, and clusters that are missed can have been missing before; `nois
 `interference` and `blockage` rise with the true level, but not in proportion. Where scans at 14 Hz
 look like one of those, the answer is wide: the tables of the error by kind say how wide, and how
 often the truth is inside. Deception is taken for ghosts; images (`multipath`) look like other
-targets, and a bent bracket (`misalignment`) moves everything together: most of these two are
-answered as level 0, and with certainty, for nothing in the scans speaks against it. A radar's own
+targets, and a bent bracket (`misalignment`) moves everything together: these two are
+answered too low, images with certainty, for nothing in the scans speaks against it. A radar's own
 word on interference (0x201) is not read, for the estimate rests on clusters alone.
 
 Radar, tried and left out, for it did not help or cost more than it gave (judged on recorded drives

@@ -62,8 +62,8 @@ def test_unknown_opponent(tmp_path: Path) -> None:
 def test_shipped_opponents_are_known_and_worse_than_the_network() -> None:
     reached = LeftOut.read(WEIGHTS / "radar.json")
     shipped = {one.name: one.tables for one in read_opponents("radar")}
-    assert set(shipped) <= set(OPPONENTS)
-    for name in ("regressor", "trained_on_recorded", "trained_on_simulated"):
+    assert set(shipped) == set(OPPONENTS)
+    for name in ("regressor", "paper", "trained_on_recorded", "trained_on_simulated"):
         assert shipped[name]["recorded_scan"]["all"]["accuracy"] < reached.scan.accuracy
 
 
@@ -80,7 +80,7 @@ def test_the_network_is_on_the_front_among_its_opponents() -> None:
         assert [point.knob for point in own if point.shipped] == [
             "window=14" if unit == UNIT else "seven scans"
         ]
-        assert len(own) == 2 + len(read_opponents("radar"))
+        assert len(own) == 2 + len(OPPONENTS)
     best = [point.variant for point, front in zip(points, on_front(points), strict=True) if front]
     assert set(best) == {"radar network"}
     table = opponents_table(answers, left_out)
