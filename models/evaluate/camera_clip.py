@@ -115,12 +115,13 @@ def clip_picture(title: str, shown: Track) -> Picture:
         std = np.sqrt(np.maximum(probabilities @ LEVELS**2 - level**2, 0))
         axis, t = figure.subplots(), shown.seconds
         band = (np.clip(level - std, 0, 100), np.clip(level + std, 0, 100))
-        axis.fill_between(t, *band, color=_COLOURS["estimate"], alpha=0.2, linewidth=0)
-        axis.plot(t, shown.levels, color=_COLOURS["truth"], drawstyle="steps-post", label="true")
-        axis.plot(t, level, color=_COLOURS["estimate"], label="estimated, ± 1 standard deviation")
+        blue, red = _COLOURS["estimate"], _COLOURS["truth"]
+        axis.fill_between(t, *band, step="post", color=blue, alpha=0.2, linewidth=0)
+        axis.step(t, shown.levels, where="post", color=red, label="true")
+        axis.step(t, level, where="post", color=blue, label="estimated, ± 1 standard deviation")
         for time, kind, before in zip(t, shown.kinds, ["clean", *shown.kinds], strict=False):
             if kind not in ("clean", before):
-                axis.text(time, 103, kind, color=_COLOURS["truth"], size=9)
+                axis.text(time, 103, kind, color=red, size=9)
         axis.set_xlabel("time, s")
         axis.set_ylabel("noise level, %")
         axis.set_ylim(-3, 112)
