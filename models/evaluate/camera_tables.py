@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -21,7 +22,7 @@ from models.evaluate.camera import (
     degrade,
     measure,
 )
-from models.evaluate.codecs import Image, h264, jpeg
+from models.evaluate.codecs import Image, gray, h264, jpeg, one_channel
 from models.evaluate.report import Table
 from models.evaluate.timing import median_us
 from models.world.camera import WorldCamera
@@ -109,8 +110,25 @@ def beyond_table(
     for name, compression in compressions.items():
         answers = measure(estimator.estimate, frames, draws=1, afterwards=compression)
         rows.append(_row(name, answers))
-    title = "Camera: combined and further kinds, and compression after the degradation"
+    colourless = [_Colourless(frame) for frame in frames]
+    answers = measure(estimator.estimate, colourless, draws=1, afterwards=one_channel)
+    rows.append(_row("main kinds, camera without colour", answers))
+    title = "Camera: combined and further kinds, compression after the degradation, no colour"
     return Table(title, ("degradation", *_COLUMNS), tuple(rows))
+
+
+@dataclass(frozen=True, slots=True)
+class _Colourless:
+    """A clean frame as a camera without colour delivers it."""
+
+    frame: CleanFrame
+
+    @property
+    def name(self) -> str:
+        return self.frame.name
+
+    def read(self) -> Image:
+        return gray(self.frame.read())
 
 
 def sizes_table(estimator: CameraEstimator, quick: bool) -> Table:

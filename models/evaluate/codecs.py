@@ -1,4 +1,4 @@
-"""What compression makes of a picture: the JPEG and H.264 that lie between a camera and murk."""
+"""What else cameras make of a picture: no colour, and the JPEG and H.264 on the way to murk."""
 
 from __future__ import annotations
 
@@ -12,6 +12,16 @@ from numpy.typing import NDArray
 Image = NDArray[np.uint8]
 
 _SMALLEST_VIDEO = 16
+
+
+def gray(image: Image) -> Image:
+    """Return a frame as a camera without colour delivers it: its brightness in all channels."""
+    return np.asarray(cv2.merge([cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)] * 3), np.uint8)
+
+
+def one_channel(image: Image) -> Image:
+    """Return a degraded frame of a camera without colour: what befell one channel, in all."""
+    return np.asarray(cv2.merge([image[..., 0]] * 3), np.uint8)
 
 
 def jpeg(image: Image, quality: int) -> Image:

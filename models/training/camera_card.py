@@ -31,8 +31,9 @@ Clean frames, varied (crop, shrinking, gamma, sharpening, sensor noise up to 2.5
 quality 75 or more, H.264), then degraded by `models.degrade`: {main:.0%} by blur, over, under or
 noise (a quarter by their exact method), {combined:.0%} by two kinds at once, {outer:.0%} by
 weather, dirt or motion, the rest by the further kinds; {compressed:.0%} are compressed afterwards.
-Four percent of the clean frames are replaced by black, white or a bare wall, which hold no
-evidence, half of them with a sensor's noise laid over the degradation; they are seldom clean. After
+Six percent are frames of a camera without colour. Four percent of the clean frames are replaced by
+black, white or a bare wall, which hold no evidence, half of them with a sensor's noise laid over
+the degradation; they are seldom clean. After
 the training the odds of a clean frame were raised 150-fold, for in a drive most frames are clean,
 and those of weather, dirt and motion lowered twentyfold, for a scene may be hazy or soft by itself.
 

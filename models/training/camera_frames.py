@@ -24,7 +24,7 @@ from models.degrade.draw import DrawKey
 from models.estimate.image_features import image_features
 from models.estimate.level import CAMERA_KINDS, IMAGE_KINDS, LEVELS, OUTER_KINDS
 from models.evaluate.camera import COMBINED, MAIN_KINDS, degrade
-from models.evaluate.codecs import Image
+from models.evaluate.codecs import Image, gray, one_channel
 from models.training.camera_vary import compress, sense, vary, without_evidence
 
 FURTHER_KINDS = tuple(kind for kind in IMAGE_KINDS[1:] if kind not in (*MAIN_KINDS, *OUTER_KINDS))
@@ -32,6 +32,7 @@ FURTHER_KINDS = tuple(kind for kind in IMAGE_KINDS[1:] if kind not in (*MAIN_KIN
 DEGRADED_PER_FRAME = 10
 _SHARE_OF_LEVELS_BETWEEN = 0.15
 _SHARE_WITHOUT_EVIDENCE = 0.04
+_SHARE_GRAY = 0.06
 _LEVELS_OF_NOTHING = np.array([0.0, *np.repeat(LEVELS[1:], 40)])
 """Seldom clean: the odds of a clean frame are raised later, and say nothing where nothing shows."""
 _SHARE_EXACT = 0.25
@@ -145,6 +146,9 @@ def _make_pass(
             clean = without_evidence(rng)
         else:
             clean = vary(frame.read(), frame.read_repaired(), rng)
+        is_gray = rng.random() < _SHARE_GRAY
+        if is_gray:
+            clean = gray(clean)
         for _ in range(DEGRADED_PER_FRAME):
             compressed = rng.random() < recipe.compressed
             if compressed and not shows_nothing and rng.random() < _SHARE_CLEAN_OF_COMPRESSED:
@@ -152,6 +156,8 @@ def _make_pass(
             else:
                 among = _LEVELS_OF_NOTHING if shows_nothing else LEVELS
                 kind, level, image = _degrade(clean, among, recipe, rng)
+            if is_gray:
+                image = one_channel(image)
             if shows_nothing and rng.random() < 0.5:
                 image = sense(image, rng)
             if compressed:

@@ -67,7 +67,7 @@ def test_any_small_image_has_a_sound_estimate(
 def test_it_is_uncertain_where_the_scene_shows_nothing(
     estimator: CameraEstimator, name: str
 ) -> None:
-    assert estimator.estimate(EXTREMES[name]).std > 20
+    assert estimator.estimate(EXTREMES[name]).std > 15  # a clean scene's is below one
 
 
 @pytest.mark.parametrize("effort", [1 / 64, 0.25, 1.0, 8.0])

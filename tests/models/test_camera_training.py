@@ -13,13 +13,14 @@ import onnxruntime as ort
 import torch
 
 from dbc.errors import InputError
+from models.degrade.draw import DrawKey
 from models.estimate.camera import CameraEstimator
 from models.estimate.exposure import SEEN
 from models.estimate.image_features import FEATURES, exposure, image_features
 from models.estimate.image_places import PLACES
 from models.estimate.level import CAMERA_KINDS, OUTER_KINDS
-from models.evaluate.camera import TUNNEL_PERIOD, clean_frames
-from models.evaluate.codecs import h264
+from models.evaluate.camera import TUNNEL_PERIOD, clean_frames, degrade
+from models.evaluate.codecs import gray, h264, one_channel
 from models.training import camera_frames
 from models.training.camera import Perceptron, train
 from models.training.camera_frames import DEGRADED_PER_FRAME, make_samples
@@ -215,3 +216,14 @@ def test_what_was_before_changes_nothing_until_it_is_learnt_and_then_a_tunnel_on
         rows = [network.joint(answer, seen) for seen in (history, alone)]
     assert torch.equal(rows[0][:, :-1], rows[1][:, :-1])
     assert not torch.allclose(rows[0][:, -1], rows[1][:, -1])
+
+
+def test_a_camera_without_colour_has_one_value_a_pixel() -> None:
+    image = np.random.default_rng(0).integers(0, 256, (9, 16, 3), np.uint8)
+    colourless = gray(image)
+    assert np.all(colourless == colourless[..., :1])
+    np.testing.assert_array_equal(one_channel(colourless), colourless)
+    degraded = degrade("noise", 50.0, DrawKey(0, "camera", 0), colourless)[1]
+    single = one_channel(degraded)
+    assert np.all(single == single[..., :1])
+    assert 20 < np.std(single[..., 0].astype(float) - colourless[..., 0]) < 60
