@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,9 +40,6 @@ try:
     from models.training.export import export
 except ImportError:
     raise MissingExtra("train", "murk train camera") from None
-
-if TYPE_CHECKING:
-    pass
 
 Report = Callable[[dict[str, object]], None]
 
