@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.scan import RadarScan
+from models.estimate.level import Estimate
 from models.estimate.radar_features import FEATURES, features
 from models.estimate.radar_pairs import PAIR_FEATURES, pair_features
 from models.estimate.radar_view import Floats, ScanView, view
@@ -35,14 +36,12 @@ _USUAL_STEP = 2
 _TYPICAL_GAP_S = 0.2
 _SHORTEST_GAP_S = 0.01
 
-RECENT = 3
-"""Newest scans that must not contradict the whole window, or it starts anew."""
+RECENT = 2
+"""Newest scans that must not contradict what those before them said, or the window starts anew with
+them: the least that show a move."""
 
 CONTRADICTIONS = 2
 """How often in a row they may not: a single one can be chance."""
-
-KEPT = 2
-"""Scans with which a contradicted window starts anew: the least that show a move."""
 
 INPUTS = FEATURES + PAIR_FEATURES + 3
 """Number of inputs of the network."""
@@ -132,6 +131,7 @@ class ScanWindow:
 
     def __init__(self, recent: int = RECENT) -> None:
         self._recent = recent
+        self._said: deque[Estimate] = deque(maxlen=recent)
         self._scans: deque[Evidence] = deque(maxlen=WINDOW)
         self._counters: deque[int] = deque(maxlen=WINDOW)
         self._step = _USUAL_STEP
@@ -145,36 +145,43 @@ class ScanWindow:
         (2, INPUTS): of the whole window, and of its ``recent`` newest scans.
         """
         if not len(scan) or (self._scans and not self._goes_on(scan)):
-            self._scans.clear()
-            self._counters.clear()
-            self._contradictions = 0
+            self._forget_all_but(0)
         if not len(scan):
             return None
         self._scans.append(evidence(scan, self._scans[-1] if self._scans else None))
         self._counters.append(scan.meas_counter)
-        return self._inputs()
+        whole = len(self._scans)
+        return inputs(self._scans, whole, min(self._recent, whole))
+
+    def say(self, answer: Estimate) -> None:
+        """Remember what was answered to the window as it is now."""
+        self._said.append(answer)
+
+    @property
+    def said_before(self) -> Estimate | None:
+        """What was answered before the ``recent`` newest scans; None: they are the first."""
+        return self._said[0] if len(self._said) == self._recent else None
 
     @property
     def in_doubt(self) -> bool:
-        """Whether the newest scans contradicted the window last time."""
+        """Whether the newest scans contradicted those before them last time."""
         return self._contradictions > 0
 
     def contradicted(self, now: bool) -> bool:
-        """Take in whether the newest scans contradict the window; tell whether often enough."""
+        """Take in whether the newest scans contradict those before; tell whether often enough."""
         self._contradictions = self._contradictions + 1 if now else 0
         return self._contradictions >= CONTRADICTIONS
 
-    def restart(self) -> NDArray[np.float32]:
-        """Forget all but the newest ``KEPT`` scans; return the network's inputs."""
-        self._contradictions = 0
-        while len(self._scans) > KEPT:
+    def restart(self) -> None:
+        """Forget all but the ``recent`` newest scans, and what was answered."""
+        self._forget_all_but(self._recent)
+
+    def _forget_all_but(self, newest: int) -> None:
+        while len(self._scans) > newest:
             self._scans.popleft()
             self._counters.popleft()
-        return self._inputs()
-
-    def _inputs(self) -> NDArray[np.float32]:
-        whole = len(self._scans)
-        return inputs(self._scans, whole, min(self._recent, whole))
+        self._said.clear()
+        self._contradictions = 0
 
     def _goes_on(self, scan: RadarScan) -> bool:
         """Tell whether a scan goes on with the window's."""

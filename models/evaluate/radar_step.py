@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 STEPS = ((0.0, 60.0), (60.0, 0.0))
-NEWEST = (2, RECENT, 4, 6, WINDOW)
+NEWEST = (RECENT, 3, 4, 6, WINDOW)
 _SECOND = 14
 _ALTERNATING_SCANS = 5
 
 
 def step_results(estimator: RadarEstimator, drives: Sequence[radar.Drive]) -> Iterator[Result]:
-    """Yield the error at rest and after a step by how many newest scans may contradict a window.
+    """Yield the error at rest and after a step by how many newest scans may contradict others.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def step_results(estimator: RadarEstimator, drives: Sequence[radar.Drive]) -> It
         if newest in (RECENT, WINDOW):
             shown[newest] = tracks
     columns = ("newest scans", "error at rest, points", "in the second after a step of 60 points")
-    yield Table("Radar: newest scans that may contradict a window", columns, tuple(rows))
+    yield Table("Radar: newest scans that may contradict those before them", columns, tuple(rows))
     yield _picture(shown)
     yield _run_times(estimator, drives[0].scans)
 

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from drivers.scan import RadarScan
 from models.estimate.level import LEVELS, Estimate
 from models.estimate.radar import RadarEstimator, contradict, overlap
-from models.estimate.radar_window import CONTRADICTIONS, FOLLOWS, KEPT, RECENT, WINDOW, ScanWindow
-from models.evaluate.radar import degraded, simulated_drive
+from models.estimate.radar_window import CONTRADICTIONS, FOLLOWS, RECENT, WINDOW, ScanWindow
+from models.evaluate.radar import degraded, radar_filter, simulated_drive
+from models.world.radar import WorldRadar
+from models.world.road import World
 
 SEED = 2**31 + 3000  # of worlds that no training draws
 STEP = 16
@@ -31,7 +33,7 @@ def certain(level: int) -> Estimate:
 
 
 class Scripted:
-    """Answers 0 % to a window of more than ``KEPT`` scans, and another level to its newest."""
+    """Answers 0 % to a window of more than ``RECENT`` scans, and another level to its newest."""
 
     kinds: tuple[str, ...] = ("clean",)
 
@@ -40,33 +42,46 @@ class Scripted:
 
     def run_each(self, inputs: Mapping[str, NDArray[np.float32]]) -> list[Estimate]:
         scans = np.rint(np.exp(inputs["window"][:, FOLLOWS + 1])).astype(int)
-        whole = 0 if scans[0] > KEPT else self.newest
-        return [certain(whole), certain(self.newest if scans[0] > RECENT else whole)]
+        return [certain(0 if count > RECENT else self.newest) for count in scans]
 
 
 def test_contradicted_window_answers_from_its_newest_scans(scans: tuple[RadarScan, ...]) -> None:
     agreeing, contradicted = (RadarEstimator(Scripted(newest)).follow() for newest in (0, 7))
-    levels = [(agreeing(scan).level, contradicted(scan).level) for scan in scans[: RECENT + 4]]
-    first = RECENT + CONTRADICTIONS - 1
+    first = 2 * RECENT + CONTRADICTIONS - 1  # of the answers before, the first RECENT agree
+    levels = [(agreeing(scan).level, contradicted(scan).level) for scan in scans[: first + 2]]
     assert {calm for calm, _ in levels} == {0.0}
-    assert [level for _, level in levels[KEPT:first]] == [0.0] * (first - KEPT)
+    assert [level for _, level in levels[RECENT:first]] == [0.0] * (first - RECENT)
     assert levels[first][1] == 70.0
-    assert levels[first + 1][1] == 0.0  # three scans are no more than the newest ones
+    assert levels[first + 1][1] == 0.0
 
 
 def test_restart_forgets_all_but_the_newest_scans(scans: tuple[RadarScan, ...]) -> None:
     window, fresh = ScanWindow(), ScanWindow()
     for scan in scans[:6]:
         window.add(scan)
-    restarted = window.restart()
-    for scan in scans[6 - KEPT : 6]:
-        expected = fresh.add(scan)
-    assert expected is not None
-    np.testing.assert_array_equal(restarted, expected)
+        window.say(certain(3))
+    assert window.said_before is not None
+    window.restart()
+    for scan in scans[6 - RECENT : 6]:
+        fresh.add(scan)
+    assert window.said_before is None
     after, expected = window.add(scans[6]), fresh.add(scans[6])
     assert after is not None
     assert expected is not None
     np.testing.assert_array_equal(after, expected)
+
+
+def test_newest_scans_are_compared_with_what_was_said_before_them(
+    scans: tuple[RadarScan, ...],
+) -> None:
+    window = ScanWindow()
+    for number, scan in enumerate(scans[:6]):
+        window.add(scan)
+        before = window.said_before
+        assert before is None if number < RECENT else before is not None
+        if before:
+            assert before.level == 10.0 * (number - RECENT)
+        window.say(certain(number))
 
 
 @pytest.mark.parametrize(("before", "after"), [(0.0, 80.0), (80.0, 0.0), (20.0, 60.0)])
@@ -92,6 +107,16 @@ def test_steady_level_is_answered_from_the_whole_window(
     for scan in scans:
         noisy = degraded(scan, "snr", level, seed=6)
         np.testing.assert_array_equal(follow(noisy).probabilities, never(noisy).probabilities)
+
+
+def test_clean_drive_whose_newest_scans_are_doubtful_stays_clean() -> None:
+    """Some scans before a tunnel of this world look like no kind that was trained."""
+    radar, levels = WorldRadar(World(1, 20.0)), radar_filter()
+    follow = RadarEstimator().follow()
+    estimates = [(scan, follow(scan)) for scan in map(radar.scan, range(50, 84))]
+    filtered = [levels.update(scan.stamp_ns, each.probabilities) for scan, each in estimates]
+    assert max(each.std for _, each in estimates[WINDOW:]) > 20.0
+    assert max(each @ LEVELS for each in filtered[WINDOW:]) < 8.0
 
 
 weights = arrays(np.float64, len(LEVELS), elements=st.floats(0.0, 1.0)).filter(np.any)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from models.estimate.radar import RadarEstimator
+from models.estimate.radar_window import RECENT
 from models.evaluate.radar import Drive, simulated_drive
 from models.evaluate.radar_effort import effort_table
 from models.evaluate.radar_step import NEWEST, step_results
@@ -13,7 +14,7 @@ from models.evaluate.report import Picture, Table
 
 @pytest.fixture(scope="module")
 def drives() -> list[Drive]:
-    return [simulated_drive(2**31 + 5000, 30, 64)]
+    return [simulated_drive(2**31 + seed, 30, 64) for seed in (5000, 5001)]
 
 
 def test_restarts_follow_a_step_sooner_and_cost_nothing_at_rest(drives: list[Drive]) -> None:
@@ -23,8 +24,8 @@ def test_restarts_follow_a_step_sooner_and_cost_nothing_at_rest(drives: list[Dri
     assert isinstance(run_times, Table)
     rest, second = ({row[0]: float(row[place]) for row in newest.rows} for place in (1, 2))
     assert len(rest) == len(NEWEST)
-    assert rest["3"] < rest["never starts anew"] + 1.0
-    assert second["3"] < second["never starts anew"] / 2
+    assert rest[str(RECENT)] < rest["never starts anew"] + 1.0
+    assert second[str(RECENT)] < second["never starts anew"] / 2
     assert all(0 < row[1] <= row[2] <= row[3] for row in run_times.rows)  # type: ignore[operator]
 
 
