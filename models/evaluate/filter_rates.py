@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +23,7 @@ STEP = 60.0
 """Level of the steps, %."""
 RATES_PER_S = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 CORRELATIONS_S = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0)
+SHARED = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9)
 MEASURES = ("at rest", "in the second after a step", "on a ramp")
 
 _SETTLED_S = 1.0
@@ -138,30 +140,37 @@ def filter_results(
                 )
     name = sensor_type.capitalize()
     yield _picture(f"{name}: error over the filter's rates", curves, shipped)
-    yield _correlation_table(f"{name}: time over which errors stay alike", tracks, shipped)
+    yield _alike_table(f"{name}: how far successive errors are alike", tracks, shipped)
 
 
-def _correlation_table(title: str, tracks: Sequence[LevelTrack], shipped: LevelFilter) -> Table:
+def _alike_table(title: str, tracks: Sequence[LevelTrack], shipped: LevelFilter) -> Table:
+    name, values, unit = "correlation_s", CORRELATIONS_S, " s"
+    if shipped.shared:
+        name, values, unit = "shared", SHARED, ""
+    default = _parameters(shipped)[name]
     rows: list[tuple[str | float, ...]] = []
-    for time_s in sorted({*CORRELATIONS_S, shipped.correlation_s}):
-
-        def make_filter(time_s: float = time_s) -> LevelFilter:
-            return LevelFilter(shipped.drift_per_s, shipped.jump_per_s, time_s)
-
+    for value in sorted({*values, default}):
+        make_filter = partial(LevelFilter, **(_parameters(shipped) | {name: value}))
         deviation, share, nats = honesty(tracks, make_filter)
-        name = f"{time_s:g} s" + (" (default)" if time_s == shipped.correlation_s else "")
+        knob = f"{value:g}{unit}" + (" (default)" if value == default else "")
         found = errors(tracks, make_filter).tolist()
-        rows.append((name, *found, deviation, 100 * share, nats))
+        rows.append((knob, *found, deviation, 100 * share, nats))
     measures = (f"error {measure}, points" for measure in MEASURES)
     sure = ("mean std, points", "beyond two std and a point, %", "surprise, nats")
-    return Table(title, ("correlation", *measures, *sure), tuple(rows))
+    return Table(title, (name.removesuffix("_s"), *measures, *sure), tuple(rows))
 
 
 def _errors_at(
     tracks: Sequence[LevelTrack], shipped: LevelFilter, name: str, rate: float
 ) -> FloatArray:
-    rates = {"drift": shipped.drift_per_s, "jump": shipped.jump_per_s, name: rate}
-    return errors(tracks, lambda: LevelFilter(rates["drift"], rates["jump"], shipped.correlation_s))
+    rates = _parameters(shipped) | {f"{name}_per_s": rate}
+    return errors(tracks, lambda: LevelFilter(**rates))
+
+
+def _parameters(levels: LevelFilter) -> dict[str, float]:
+    """Return what a filter like this one is made from."""
+    names = ("drift_per_s", "jump_per_s", "correlation_s", "shared")
+    return {name: getattr(levels, name) for name in names}
 
 
 def _picture(

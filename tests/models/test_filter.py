@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dbc.errors import InputError
-from models.estimate.filter import LevelFilter, transition
+from models.estimate.filter import SHARED_S, LevelFilter, transition
 
 SECOND = 1_000_000_000
 WEEK = 7 * 24 * 3600 * SECOND
@@ -169,10 +169,35 @@ def test_correlated_measurements_count_by_elapsed_time_not_by_number() -> None:
     assert LevelFilter(0.0, 0.0, 2.0).update(0, measured)[10] < filtered[10]
 
 
-@pytest.mark.parametrize("rates", [(-1.0, 0.0, 0.0), (0.0, np.nan, 0.0), (0.0, 0.0, np.inf)])
-def test_impossible_rates_are_refused(rates: tuple[float, float, float]) -> None:
+@pytest.mark.parametrize("spacing_s", [0.01, 0.07, 0.5, SHARED_S])
+def test_measurements_that_share_data_count_by_their_number(spacing_s: float) -> None:
+    """The second to fifth say half of what they would alone: three measurements in all."""
+    measured = np.linspace(1.0, 2.0, 11)
+    levels = LevelFilter(0.0, 0.0, shared=0.5)
+    for number in range(5):
+        filtered = levels.update(round(number * spacing_s * SECOND), measured)
+    np.testing.assert_allclose(filtered, measured**3 / (measured**3).sum(), rtol=1e-9)
+
+
+def test_measurements_far_apart_share_nothing() -> None:
+    measured = np.linspace(1.0, 2.0, 11)
+    levels = LevelFilter(0.0, 0.0, shared=0.5)
+    levels.update(0, measured)
+    filtered = levels.update(round(1.1 * SHARED_S * SECOND), measured)
+    np.testing.assert_allclose(filtered, measured**2 / (measured**2).sum(), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "rates", [(-1.0, 0.0, 0.0), (0.0, np.nan, 0.0), (0.0, 0.0, np.inf), (0.0, 0.0, 0.0, -0.1)]
+)
+def test_impossible_rates_are_refused(rates: tuple[float, ...]) -> None:
     with pytest.raises(InputError, match="expected a finite number"):
         LevelFilter(*rates)
+
+
+def test_more_than_everything_cannot_be_shared() -> None:
+    with pytest.raises(InputError, match="expected 0 to 1"):
+        LevelFilter(0.0, 0.0, shared=1.1)
 
 
 @pytest.mark.parametrize(

@@ -79,6 +79,10 @@ def test_results_hold_the_default_once_a_rate_and_a_picture() -> None:
     assert isinstance(picture, Picture)
     assert isinstance(table, Table)
     assert [row[0] for row in table.rows if "default" in str(row[0])] == ["0 s (default)"]
+    *_, of_shared = filter_results("radar", _tracks(15.0), LevelFilter(0.2, 0.3, 0.0, 0.6), 30.0)
+    assert isinstance(of_shared, Table)
+    assert of_shared.columns[0] == "shared"
+    assert [row[0] for row in of_shared.rows if "default" in str(row[0])] == ["0.6 (default)"]
     defaults = [point for point in points if isinstance(point, Point) and "default" in point.knob]
     assert [point.knob.split("=")[0] for point in defaults] == ["drift"] * 3 + ["jump"] * 3
     by_measure = {
