@@ -13,14 +13,17 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.scan import RadarScan
+from models.degrade.radar import echo_db, threshold_db
 from models.estimate.level import LEVELS
 from models.estimate.radar_view import view
 from models.evaluate.answer_plots import expected_calibration_error, reliability
-from models.evaluate.radar import Answers, joined
+from models.evaluate.radar import Answers, degraded, joined
 
 _DIGITS = 4
+_LOSSES = (50.0, 100.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,32 +102,111 @@ def mean_levels(answers: Answers) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class OneDrive:
-    """What one scan of a drive tells; each an accuracy and a mean error in points.
+    """What one scan of a drive tells; from ``reached`` on an accuracy and a mean error in points.
 
     Attributes
     ----------
     name, speed:
         Of the drive; its median speed, m/s.
+    clusters:
+        Of its clean scans, mean and standard deviation.
+    lost:
+        Of these, how many ``snr`` takes on the mean at 50 and at 100 %.
+    threshold_std_db:
+        Standard deviation of the threshold of detection, RCS − 40 log10(range), from scan to scan.
     reached:
         By the network.
+    trees:
+        By boosted trees; see ``models.training.radar_told`` for these and the next two.
     neighbours:
-        If the clean scans before and after were known; see ``models.training.radar_told``.
+        By the same if the clean scans before and after were known.
+    counted:
+        By the same if the clean scan's number of clusters and threshold were known.
     gone:
         By the best test with the clean scan in hand, from which echoes are gone.
     """
 
     name: str
     speed: float
+    clusters: list[float]
+    lost: list[float]
+    threshold_std_db: float
     reached: list[float]
+    trees: list[float]
     neighbours: list[float]
+    counted: list[float]
     gone: list[float]
 
     @classmethod
     def of(cls, name: str, scans: Sequence[RadarScan], *answers: Answers) -> OneDrive:
-        """Return it from the answers to ``snr``: reached, neighbours known, clean scan known."""
-        motions = [view(scan).motion for scan in scans]
-        speed = float(np.median([np.hypot(each.ahead, each.left) for each in motions]))
-        return cls(name, round(speed, 1), *(_accuracy_and_error(each) for each in answers))
+        """Return it from the answers to ``snr``, in the order of the attributes."""
+        count, threshold = np.array([count_and_threshold(scan) for scan in scans]).T
+        lost = [
+            count.mean() - np.mean([len(degraded(scan, "snr", level, 0)) for scan in scans])
+            for level in _LOSSES
+        ]
+        return cls(
+            name,
+            round(median_speed(scans), 1),
+            [round(float(value), 1) for value in (count.mean(), count.std())],
+            [round(float(value), 1) for value in lost],
+            round(float(threshold.std()), 1),
+            *(_accuracy_and_error(each) for each in answers),
+        )
+
+
+def count_and_threshold(scan: RadarScan) -> NDArray[np.float64]:
+    """Return the number of clusters of a scan, and its threshold of detection in dB, (2,)."""
+    own = view(scan)
+    return np.array([len(own), threshold_db(echo_db(own.range_m, own.rcs))])
+
+
+def median_speed(scans: Sequence[RadarScan]) -> float:
+    """Return the vehicle's median speed over successive scans, m/s."""
+    motions = [view(scan).motion for scan in scans]
+    return float(np.median([np.hypot(each.ahead, each.left) for each in motions]))
+
+
+@dataclass(frozen=True, slots=True)
+class Learned:
+    """What one scan tells by what was learned from; each an accuracy and a mean error in points.
+
+    Attributes
+    ----------
+    others:
+        Number of other recorded drives learned from.
+    other_half:
+        Whether the other half of the very drive was, too.
+    reached, spread:
+        Mean and standard deviation over choices of the other drives; see
+        ``models.training.radar_learned``.
+    moving, standing:
+        Mean of the drives that move, and of those that stand; 0 where there are none.
+    """
+
+    others: int
+    other_half: bool
+    reached: list[float]
+    spread: list[float]
+    moving: list[float]
+    standing: list[float]
+
+    @classmethod
+    def of(
+        cls, others: int, other_half: bool, choices: Sequence[Answers], moving: NDArray[np.bool_]
+    ) -> Learned:
+        """Return it from the answers to all drives, one of each choice, and which drives move."""
+        every = _by_choice(choices, np.ones_like(moving))
+        parts = [_by_choice(choices, own).mean(axis=0) for own in (moving, ~moving)]
+        figures = (every.mean(axis=0), every.std(axis=0), *parts)
+        return cls(others, other_half, *(each.round(_DIGITS).tolist() for each in figures))
+
+
+def _by_choice(choices: Sequence[Answers], drives: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return accuracy and mean error of some drives, (choices, 2); zeros where there are none."""
+    if not drives.any():
+        return np.zeros((1, 2))
+    return np.array([_accuracy_and_error(each.among(drives[each.drives])) for each in choices])
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +219,8 @@ class LeftOut:
         One recorded scan, and seven successive ones at 2 Hz.
     drives:
         What one scan of each drive tells, and of all of them.
+    learned:
+        What one scan tells by how many drives were learned from.
     step_errors:
         With and without the window's restart: mean error of the filtered level by scan, points, at
         as many scans before a step between 0 and 60 %, up or down, as after it.
@@ -145,6 +229,7 @@ class LeftOut:
     scan: LeftOutAnswers
     window: LeftOutAnswers
     drives: list[OneDrive]
+    learned: list[Learned]
     step_errors: dict[str, list[float]]
 
     def write(self, path: Path) -> None:
@@ -159,5 +244,6 @@ class LeftOut:
             LeftOutAnswers(**content["scan"]),
             LeftOutAnswers(**content["window"]),
             [OneDrive(**each) for each in content["drives"]],
+            [Learned(**each) for each in content["learned"]],
             content["step_errors"],
         )

@@ -8,17 +8,20 @@ import numpy as np
 
 from models.estimate.level import LEVELS, RADAR_KINDS
 from models.evaluate.answer_plots import bins_picture
+from models.evaluate.radar_learned import learned_results
 from models.evaluate.radar_left_out import LeftOut, LeftOutAnswers, OneDrive
 from models.evaluate.report import Goal, Result, Table
 
+_RIGHT, _ERROR = 40.0, 10.0
+"""Goals of one scan: right, %, and mean error, points."""
 _BOUNDS = ("gone, clean known", "gone and moved")
 
 
 def recorded_results(left_out: LeftOut) -> Iterator[Result]:
     """Yield goals, bounds, confusions, reliability and steps of recorded drives left out."""
     scan, window = left_out.scan, left_out.window
-    yield Goal("radar, one recorded scan, right, %", 100 * scan.accuracy, 40.0)
-    yield Goal("radar, one recorded scan, mean error, points", scan.mean_error, 10.0, False)
+    yield Goal("radar, one recorded scan, right, %", 100 * scan.accuracy, _RIGHT)
+    yield Goal("radar, one recorded scan, mean error, points", scan.mean_error, _ERROR, False)
     yield Goal("radar, seven recorded scans, right, %", 100 * window.accuracy, 55.0)
     yield Goal("radar, seven recorded scans, mean error, points", window.mean_error, 7.0, False)
     yield Table(
@@ -29,7 +32,8 @@ def recorded_results(left_out: LeftOut) -> Iterator[Result]:
             for name, each in (("one recorded scan", scan), ("seven recorded scans", window))
         ),
     )
-    yield _drives(left_out.drives)
+    yield from _drives(left_out.drives)
+    yield from learned_results(left_out.learned, _RIGHT, _ERROR)
     for name, each in (("one recorded scan", scan), ("seven recorded scans", window)):
         counts, confidence, right = map(np.array, each.reliability)
         error = f"expected calibration error {each.calibration_error:.1%}"
@@ -45,17 +49,33 @@ def recorded_results(left_out: LeftOut) -> Iterator[Result]:
     yield _steps(left_out.step_errors)
 
 
-def _drives(drives: Sequence[OneDrive]) -> Table:
-    """Return what one scan of each drive tells, beside what it could."""
+def _drives(drives: Sequence[OneDrive]) -> Iterator[Table]:
+    """Yield what one scan of each drive tells, beside what it could, and why it does not."""
     rows: list[tuple[str | float, ...]] = [
-        (each.name, each.speed, *map(_pair, (each.reached, each.neighbours, each.gone)))
+        (
+            each.name,
+            each.speed,
+            *map(_pair, (each.reached, each.trees, each.neighbours, each.counted, each.gone)),
+        )
         for each in drives
     ]
     columns = (
         *("drive left out", "median speed, m/s", "reached, right / mean error, points"),
-        *("clean scans before and after known", "this clean scan known"),
+        *("boosted trees", "told the clean scans before and after"),
+        *("told this clean scan's count and threshold", "bound, this clean scan known"),
     )
-    return Table("Radar: one recorded scan by drive, and what is missing", columns, tuple(rows))
+    yield Table("Radar: one recorded scan by drive, and what is missing", columns, tuple(rows))
+    yield Table(
+        "Radar: how clean scans of a drive differ, and what a loss takes of them",
+        (
+            *("drive", "median speed, m/s", "clusters of a clean scan", "± from scan to scan"),
+            *("lost at 50 %", "lost at 100 %", "threshold ± from scan to scan, dB"),
+        ),
+        tuple(
+            (each.name, each.speed, *each.clusters, *each.lost, each.threshold_std_db)
+            for each in drives
+        ),
+    )
 
 
 def _pair(figures: Sequence[float]) -> str:

@@ -10,6 +10,7 @@ way on all drives.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,7 @@ from models.estimate.radar_features import FEATURES
 from models.estimate.radar_window import FOLLOWS, INPUTS, VERSION
 from models.evaluate.radar import Drive, recorded_drives
 from models.training.radar_card import TEMPERATURES, write_card
+from models.training.radar_learned import learned
 from models.training.radar_results import measured
 from models.training.radar_scans import Amounts, Samples, make_samples
 
@@ -203,7 +205,14 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
         kinds=RADAR_KINDS,
     )
     unseen = [(RadarEstimator(fold), drive) for fold, drive in zip(folds, drives, strict=True)]
-    results = measured(unseen, RadarEstimator(output), quick=quick, seed=seed)
+    known = learned(
+        drives,
+        _QUICK_AMOUNTS if quick else _AMOUNTS,
+        partial(fit_alone, seed=seed),
+        draws=1 if quick else 2,
+        seed=seed,
+    )
+    results = measured(unseen, RadarEstimator(output), known, quick=quick, seed=seed)
     parameters = sum(parameter.numel() for parameter in network.parameters())
     results.left_out.write(output.with_suffix(".json"))
     write_card(
@@ -231,6 +240,13 @@ def fit(samples: Samples, seed: int, hidden: int = HIDDEN) -> RadarNet:
     return RadarNet(
         _fit(alone, alone.inputs[:, :FEATURES], hidden), _fit(windows, windows.inputs, hidden)
     ).eval()
+
+
+def fit_alone(samples: Samples, seed: int) -> RadarNet:
+    """Train a network for single scans on samples of scans alone."""
+    torch.manual_seed(seed)
+    alone = _fit(samples, samples.inputs[:, :FEATURES], HIDDEN)
+    return RadarNet(alone, alone).eval()
 
 
 def _fit(samples: Samples, columns: NDArray[np.float32], hidden: int) -> Perceptron:

@@ -22,9 +22,9 @@ from models.evaluate.radar import (
     step_response,
 )
 from models.evaluate.radar_bound import with_clean_scan
-from models.evaluate.radar_left_out import LeftOut, LeftOutAnswers, OneDrive
+from models.evaluate.radar_left_out import Learned, LeftOut, LeftOutAnswers, OneDrive
 from models.training.radar_card import STEP_LEVEL, Results
-from models.training.radar_told import told_neighbours
+from models.training.radar_told import told_count_and_threshold, told_neighbours, told_nothing
 
 Unseen = Sequence[tuple[RadarEstimator, Drive]]
 """Estimators, each with the drive that its training left out."""
@@ -37,7 +37,14 @@ _TEST_WORLDS = range(2**31, 2**31 + 60)
 """Worlds that no training draws: its seeds are below."""
 
 
-def measured(unseen: Unseen, shipped: RadarEstimator, *, quick: bool, seed: int) -> Results:
+def measured(
+    unseen: Unseen,
+    shipped: RadarEstimator,
+    learned: list[Learned],
+    *,
+    quick: bool,
+    seed: int,
+) -> Results:
     """Return what the networks reach.
 
     Parameters
@@ -46,6 +53,8 @@ def measured(unseen: Unseen, shipped: RadarEstimator, *, quick: bool, seed: int)
         Estimators, each with the recorded drive that its training left out.
     shipped:
         The one trained on all, for simulated drives.
+    learned:
+        What one scan tells by how many drives were learned from, to be told beside the rest.
     quick:
         Fewer draws and simulated drives.
     """
@@ -83,8 +92,15 @@ def measured(unseen: Unseen, shipped: RadarEstimator, *, quick: bool, seed: int)
             scan=LeftOutAnswers.of(scans, bounds[0]),
             window=LeftOutAnswers.of(windows, bounds[1]),
             drives=_by_drive(
-                drives, scans["snr"], told_neighbours(drives, seed=seed), bounds[0][0]
+                drives,
+                scans["snr"],
+                *(
+                    told(drives, seed=seed)
+                    for told in (told_nothing, told_neighbours, told_count_and_threshold)
+                ),
+                bounds[0][0],
             ),
+            learned=learned,
             step_errors={
                 name: _step_errors(unseen, recent, seed)
                 for name, recent in (("with restart", RECENT), ("without", WINDOW))

@@ -10,7 +10,8 @@ import pytest
 from models.estimate.level import LEVELS, RADAR_KINDS, Estimate
 from models.estimate.network import WEIGHTS
 from models.evaluate.radar import Answers, gather, simulated_drive
-from models.evaluate.radar_left_out import LeftOut, LeftOutAnswers, OneDrive
+from models.evaluate.radar_learned import learned_from
+from models.evaluate.radar_left_out import Learned, LeftOut, LeftOutAnswers, OneDrive
 from models.evaluate.radar_recorded import errors_table, levels_table, recorded_results
 from models.evaluate.report import Goal, Picture, Table
 
@@ -33,8 +34,16 @@ def left_out() -> LeftOut:
     bounds = [answers("snr", 0), answers("snr", 1)]
     reached = LeftOutAnswers.of(kinds, bounds)
     drive = simulated_drive(3, 100, 3)
-    every = OneDrive.of("all", drive.scans, kinds["snr"], bounds[1], bounds[0])
-    return LeftOut(reached, reached, [every], {"with restart": [1.0, 2.0, 40.0, 3.0]})
+    told = (kinds["snr"], bounds[1], bounds[1], bounds[0], bounds[0])
+    every = OneDrive.of("all", drive.scans, *told)
+    moves = np.array([True])
+    learned = [
+        Learned.of(0, False, [kinds["snr"]], moves),
+        Learned.of(1, False, [kinds["snr"], bounds[0]], moves),
+        Learned.of(2, False, [bounds[0]], moves),
+        Learned.of(2, True, [bounds[0]], moves),
+    ]
+    return LeftOut(reached, reached, [every], learned, {"with restart": [1.0, 2.0, 40.0, 3.0]})
 
 
 def test_it_says_what_was_answered(left_out: LeftOut) -> None:
@@ -67,9 +76,32 @@ def test_goals_and_tables_show_it(left_out: LeftOut) -> None:
     steps = tables["Radar: recorded drives at 2 Hz, error after a step of 60 points, by scan"]
     assert steps.rows == (("with restart", 1.5, "40", "3"),)
     (every,) = tables["Radar: one recorded scan by drive, and what is missing"].rows
-    assert every[2:] == ("54.5 % / 4.5", "54.5 % / 4.5", "100.0 % / 0.0")
+    assert every[2:] == (*("54.5 % / 4.5",) * 3, *("100.0 % / 0.0",) * 2)
     assert float(every[1]) > 1.0
-    assert sum(isinstance(each, Picture) for each in results) == 2
+    (clean,) = tables[
+        "Radar: how clean scans of a drive differ, and what a loss takes of them"
+    ].rows
+    assert 0.0 < float(clean[4]) < float(clean[5]) < float(clean[2])
+    assert sum(isinstance(each, Picture) for each in results) == 3
+
+
+def test_learned_is_the_mean_over_choices_of_drives(left_out: LeftOut) -> None:
+    none, one, two, half = left_out.learned
+    assert none.spread == [0.0, 0.0]
+    assert one.reached == pytest.approx([(12 / 22 + 1) / 2, 100 / 44], abs=1e-3)
+    assert one.spread == pytest.approx([(1 - 12 / 22) / 2, 100 / 44], abs=1e-3)
+    assert one.moving == one.reached
+    assert one.standing == [0.0, 0.0]
+    tables = [each for each in recorded_results(left_out) if isinstance(each, Table)]
+    (table,) = (each for each in tables if "learned from" in each.title)
+    assert [row[0] for row in table.rows] == [learned_from(x) for x in (none, one, two, half)]
+    assert table.rows[-1][1] == 100.0
+    (doublings,) = (each for each in tables if "would take" in each.title)
+    name, slope, reached, goal, missing = doublings.rows[0]
+    assert name == "right, %"
+    assert (slope, reached) == pytest.approx((100 * (1 - one.reached[0]), 100.0))
+    assert missing == pytest.approx((40.0 - 100 * one.reached[0]) / float(slope))
+    assert goal == 40.0
 
 
 def test_levels_that_are_right_are_0_apart() -> None:

@@ -1,21 +1,30 @@
-"""What one scan tells if its clean neighbours are known."""
+"""What one scan tells if something of the clean scan is known."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from models.estimate.level import LEVELS
-from models.evaluate.radar import Drive, simulated_drive
+from models.evaluate.radar import Answers, Drive, simulated_drive
 
 pytest.importorskip("sklearn")
 
-from models.training.radar_told import told_neighbours
+from models.training.radar_told import (
+    told_count_and_threshold,
+    told_neighbours,
+    told_nothing,
+)
 
 
-def test_every_scan_is_answered_by_what_other_drives_taught() -> None:
+@pytest.mark.parametrize("told", [told_nothing, told_neighbours, told_count_and_threshold])
+def test_every_scan_is_answered_by_what_other_drives_taught(
+    told: Callable[..., Answers],
+) -> None:
     drives = [simulated_drive(2**31 + 3100 + k, 20, 3) for k in range(2)]
-    answers = told_neighbours(drives, seed=0)
+    answers = told(drives, seed=0)
     assert answers.drives.tolist() == sorted(answers.drives.tolist())
     assert np.bincount(answers.drives).tolist() == [3 * 4 * len(LEVELS)] * 2
     np.testing.assert_allclose(answers.probabilities.sum(axis=1), 1.0)
