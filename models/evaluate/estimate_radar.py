@@ -12,18 +12,20 @@ of one scan. Why the goals of one recorded scan are missed is asked in three way
 help: what one scan tells by the number of recorded drives learned from, none to six, and learned
 from the other half of the very drive as well. Does the scenery help: boosted trees told the clean
 scans half a second before and after. What does help: boosted trees told two numbers of the very
-clean scan, how many clusters it had and its threshold of detection. A loss shows in one scan by the
+clean scan, how many clusters it had and its threshold of detection. Neither of the first two gets
+there; these two numbers just about do, and nobody has them. A loss shows in one scan by the
 clusters that it takes and by the rise of the weakest echo. Where a vehicle moves the recorded radar
-is full, always at the most clusters that it sends, so that their number tells what is lost. Where
-it stands, both differ more from one clean scan to the next than most levels change them, as the
-table of clean scans shows: then only another scan tells, by how far echoes have moved between them.
+is full, nearly always at the most clusters that it sends, so that their number tells what is lost.
+Where it stands, both differ from one clean scan to the next by about as much as a medium level
+changes them, as the table of clean scans shows: then only another scan tells, by how far echoes
+have moved between them.
 
 A window starts anew where its newest scans twice in a row contradict what was answered before them:
 the error at rest and in the second after a step of 60 points, up and down, over how many scans
-these are. Filters are
-measured on simulated drives whose level steps from 0 to 60 % or back, or rises on a ramp: the error
-at rest, in the second after a step and on the ramp, over the rates at which the filter lets the
-level drift and jump; and what it costs and gives to take successive errors for alike.
+these are. Filters are measured on simulated drives whose level steps from 0 to 60 % or back, or
+rises on a ramp: the error at rest, in the second after a step and on the ramp, over the rates at
+which the filter lets the level drift and jump; and what it costs and gives to take successive
+errors for alike.
 
 Opponents were trained on the same drives and measured on the same scans by `murk train radar
 --opponent NAME`: on recorded drives each by one that was trained without it. Their run time is that
