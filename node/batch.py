@@ -146,7 +146,7 @@ def _rows(
     for message in messages:
         network = networks.of(sensor_type, group, message.sensor, part.sequence is None)
         start_ns = perf_counter_ns()
-        estimate = network(message)
+        estimate = network(message).with_lens()
         run_time_us = (perf_counter_ns() - start_ns) / 1e3
         yield Row(
             source, group, message.sensor, message.sequence, message.stamp_ns, estimate, run_time_us

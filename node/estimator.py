@@ -8,12 +8,13 @@ from time import monotonic_ns
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.frame import Frame
 from drivers.scan import RadarScan
 from models.estimate.calibration import Calibration
 from models.estimate.filter import level_filter
-from models.estimate.level import LEVELS, Estimate, NoiseLevel
+from models.estimate.level import Estimate, NoiseLevel
 from models.estimate.smooth import KindFilter, agreeing
 from node.pace import CLOCK_STEP_NS
 from node.scene import SensorType
@@ -77,7 +78,8 @@ def load_adaptive(sensor_type: SensorType) -> Callable[[Any], Estimate | None]:
 def load_follower(sensor_type: SensorType) -> Callable[[Any], Estimate]:
     """Return the same for the successive messages of one sensor.
 
-    A scan is estimated with those before it, a frame with the history of the camera's exposure.
+    A scan is estimated with those before it, a frame with the history of the camera's exposure and
+    of its lens.
 
     Raises
     ------
@@ -133,6 +135,7 @@ class Estimator:
         self._levels = level_filter(self._sensor_type)
         self._kinds = KindFilter(KIND_TIME_CONSTANT_S)
         self._newest_ns: int | None = None
+        self._lens: NDArray[np.float64] | None = None
 
     def estimate(
         self,
@@ -165,18 +168,19 @@ class Estimator:
                 estimate = self._correction.apply(estimate)
             probabilities = self._levels.update(message.stamp_ns, estimate.probabilities)
             weights = self._kinds.update(message.stamp_ns, estimate.kind_probabilities)
-            self._raw = raw = estimate.level
+            self._lens = estimate.lens
+            self._raw = raw = estimate.with_lens().level
             effort = estimate.effort
         kinds = agreeing(weights, float(probabilities[0]))
-        level = float(probabilities @ LEVELS)
+        filtered = Estimate(probabilities, kinds, effort, self._lens).with_lens()
         return NoiseLevel(
             sensor=message.sensor,
             stamp_ns=message.stamp_ns,
-            level=level,
-            std=float(np.sqrt(probabilities @ (LEVELS - level) ** 2)),
-            probabilities=probabilities,
-            kind=max(kinds, key=lambda kind: kinds[kind]),
-            kind_probabilities=kinds,
+            level=filtered.level,
+            std=filtered.std,
+            probabilities=filtered.probabilities,
+            kind=filtered.kind,
+            kind_probabilities=filtered.kind_probabilities,
             raw=raw,
             injected=injected,
             latency_ns=monotonic_ns() - arrival_ns,

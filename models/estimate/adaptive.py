@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from models.estimate.camera import CameraEstimator
-from models.estimate.exposure import ExposureHistory
+from models.estimate.camera import CameraEstimator, CameraHistory
 from models.estimate.level import Estimate
 
 GLANCE = 0.25
@@ -33,7 +34,7 @@ class AdaptiveCamera:
         self._steady = False
         self._level = -np.inf
         self._stamp_ns = 0
-        self._history: ExposureHistory | None = None
+        self._history: CameraHistory | None = None
 
     def estimate(self, image: NDArray[np.uint8], stamp_ns: int) -> Estimate | None:
         """Return the estimate of the next frame, or None where it is left out.
@@ -53,12 +54,14 @@ class AdaptiveCamera:
         self._level, self._stamp_ns = estimate.level, stamp_ns
         return estimate
 
-    def _look(self, image: NDArray[np.uint8], stamp_ns: int) -> tuple[Estimate, ExposureHistory]:
+    def _look(self, image: NDArray[np.uint8], stamp_ns: int) -> tuple[Estimate, CameraHistory]:
         """Return what a glance says where that is enough, else a whole look, and the history."""
-        if self._sure:
-            glance, history = self._camera.estimate_next(self._history, image, stamp_ns, GLANCE)
+        before = self._history
+        if before and self._sure:
+            glance, history = self._camera.estimate_next(before, image, stamp_ns, GLANCE)
             if glance.std < SURE_STD:
                 return glance, history
-        whole, history = self._camera.estimate_next(self._history, image, stamp_ns)
+            before = replace(history, exposure=before.exposure)  # the lens was looked at
+        whole, history = self._camera.estimate_next(before, image, stamp_ns)
         self._sure = whole.std < SURE_STD
         return whole, history

@@ -212,7 +212,7 @@ def _normalised(log: FloatArray) -> FloatArray:
     return shifted - math.log(np.exp(shifted).sum())
 
 
-_RATES = {"camera": (1.0, 1.0, 0.1, 0.0), "radar": (0.1, 0.05, 0.0, 0.7)}
+_RATES = {"camera": (1.0, 1.0, 0.1, 0.0), "radar": (0.1, 0.05, 0.2, 0.7)}
 """Drift and jump, 1/s, correlation, s, and what successive measurements share.
 
 Radar: chosen by the error at rest, after a step and on a ramp on simulated drives, and on the

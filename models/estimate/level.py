@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,9 +27,15 @@ IMAGE_KINDS = (
     "dead",
     *OUTER_KINDS,
 )
-"""Kinds that one frame shows; drops on the lens are not among them."""
-CAMERA_KINDS = (*IMAGE_KINDS, "tunnel")
+"""Kinds that one frame shows; of dirt only where much of it lies thick."""
+FRAME_KINDS = (*IMAGE_KINDS, "tunnel")
 """Kinds that the camera's network tells apart, the last of them by what was before the frame."""
+LENS_KINDS = ("drops", "dirt")
+"""Kinds that stand still while the scene moves past."""
+LENS_ODDS = 0.03
+"""Odds of drops, and of dirt, at any level, against a clean lens on a drive."""
+CAMERA_KINDS = (*FRAME_KINDS, "drops")
+"""Kinds that a camera's estimate tells apart, the last by successive frames only."""
 RADAR_KINDS = (
     "clean",
     "snr",
@@ -41,6 +47,8 @@ RADAR_KINDS = (
     "blockage",
 )
 """Kinds that the radar's network tells apart; images, deception and a bent bracket are not."""
+
+_MOST_LOG = 50.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,11 +63,16 @@ class Estimate:
         Probability by kind, sums to 1.
     effort:
         Share of the usual reading that it took; see ``models.estimate.adaptive``.
+    lens:
+        What the frames of the last seconds say of the lens, where a camera's were looked at: log
+        likelihoods (2, 10) of ``LENS_KINDS`` at the levels from 10 % on, against a clean lens. Not
+        in the probabilities, since a filter in time would take it for news in every frame.
     """
 
     probabilities: NDArray[np.float64]
     kind_probabilities: dict[str, float]
     effort: float = 1.0
+    lens: NDArray[np.float64] | None = None
 
     @property
     def level(self) -> float:
@@ -75,6 +88,26 @@ class Estimate:
     def kind(self) -> str:
         """The most probable kind."""
         return max(self.kind_probabilities, key=lambda kind: self.kind_probabilities[kind])
+
+    def with_lens(self) -> Estimate:
+        """Return the estimate once what is said of the lens has its share of the clean part.
+
+        What shows of other kinds stays as it is: blur and noise hide what is on the lens.
+        """
+        if self.lens is None:
+            return self
+        prior = LENS_ODDS / self.lens.shape[1]
+        odds = prior * np.exp(np.clip(self.lens, -_MOST_LOG, _MOST_LOG))
+        kinds = dict(self.kind_probabilities)
+        shared = min(kinds["clean"], float(self.probabilities[0]))
+        left, taken = shared / (1 + odds.sum()), shared * odds / (1 + odds.sum())
+        probabilities = self.probabilities.copy()
+        probabilities[0] += left - shared
+        probabilities[1:] += taken.sum(axis=0)
+        kinds["clean"] += left - shared
+        for kind, part in zip(LENS_KINDS, taken.sum(axis=1).tolist(), strict=True):
+            kinds[kind] = kinds.get(kind, 0.0) + part
+        return replace(self, probabilities=probabilities, kind_probabilities=kinds, lens=None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

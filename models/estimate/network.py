@@ -4,14 +4,14 @@ Each file names itself in its metadata, so that a file of another make, of anoth
 another version is refused when it is loaded instead of answering nonsense:
 
 ``murk.model``
-    The sensor: ``camera`` or ``radar``.
+    What it is for: ``camera``, ``lens`` or ``radar``.
 ``murk.version``
     Version of the inputs' meaning; it changes when the features of that sensor change.
 ``murk.kinds``
     The kinds in the order of the output ``kind``, separated by commas.
 
-Outputs of every network: ``level`` (n, 11) and ``kind`` (n, number of kinds), float32 logits; n is
-1, or 2 for the radar (a window of scans and the newest of them).
+Outputs of a sensor's network: ``level`` (n, 11) and ``kind`` (n, number of kinds), float32 logits;
+n is 1, or 2 for the radar (a window of scans and the newest of them).
 """
 
 from __future__ import annotations
@@ -66,18 +66,8 @@ class Network:
         version: int,
         inputs: Mapping[str, tuple[int | None, ...]],
     ) -> None:
-        self._session = open_session(path)
+        self._session = open_network(path, model=model, version=version)
         metadata = self._session.get_modelmeta().custom_metadata_map
-        if metadata.get("murk.model") != model:
-            found = metadata.get("murk.model")
-            what = f"is murk's {found} network" if found else "is not a network of murk"
-            raise ModelError(path, what, f"expected one made by 'murk train {model}'")
-        if metadata.get("murk.version") != str(version):
-            raise ModelError(
-                path,
-                f"has version {metadata.get('murk.version')} of the inputs, not {version}",
-                f"train it again: murk train {model}",
-            )
         self.kinds = tuple(metadata.get("murk.kinds", "").split(","))
         _check_inputs(path, self._session, inputs)
         _check_outputs(path, self._session, len(self.kinds))
@@ -102,6 +92,29 @@ def softmax(logits: NDArray[np.floating]) -> NDArray[np.float64]:
     shifted = np.asarray(logits, np.float64)
     exponential = np.exp(shifted - shifted.max(axis=-1, keepdims=True))
     return np.asarray(exponential / exponential.sum(axis=-1, keepdims=True))
+
+
+def open_network(path: Path, *, model: str, version: int) -> ort.InferenceSession:
+    """Open an ONNX file that must be murk's, for this model and of this version.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read, or is not that.
+    """
+    session = open_session(path)
+    metadata = session.get_modelmeta().custom_metadata_map
+    found = metadata.get("murk.model")
+    if found != model:
+        what = f"is murk's {found} network" if found else "is not a network of murk"
+        raise ModelError(path, what, f"expected one made by 'murk train {model}'")
+    if metadata.get("murk.version") != str(version):
+        raise ModelError(
+            path,
+            f"has version {metadata.get('murk.version')} of the inputs, not {version}",
+            f"train it again: murk train {model}",
+        )
+    return session
 
 
 def open_session(path: Path) -> ort.InferenceSession:

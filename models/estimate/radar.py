@@ -17,10 +17,10 @@ from models.estimate.network import WEIGHTS, Network
 from models.estimate.radar_window import INPUTS, RECENT, VERSION, ScanWindow
 
 LEAST_OVERLAP = 0.45
-"""Overlap of what the newest scans say and those before them said, below which they contradict.
+"""Overlap of what the newest scans say with what those before them said; below it, they contradict.
 
-Of 20-second drives of 60 simulated worlds with two steps each, chosen for the error after these and
-the number of windows that start anew without one; see ``docs/estimate.md``.
+Chosen on drives of 60 simulated worlds, 20 s and two steps each: for a small error after the steps,
+and few windows that start anew without one. See ``docs/estimate.md``.
 """
 
 

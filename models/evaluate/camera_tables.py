@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -11,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.degrade.draw import DrawKey
-from models.degrade.kinds import KINDS
 from models.estimate.camera import CameraEstimator
 from models.estimate.level import CAMERA_KINDS, LEVELS
 from models.evaluate.camera import (
@@ -31,7 +29,6 @@ from models.world.road import World
 FURTHER_KINDS = tuple(kind for kind in CAMERA_KINDS[1:] if kind not in MAIN_KINDS)
 
 _COLUMNS = ("frames", "level right, %", "mean error, points", "mean std, points", "kind right, %")
-_UNTOLD_LEVELS = (30.0, 60.0, 100.0)
 _SIZES = ((640, 360), (960, 540), (1280, 720), (1600, 900), (1920, 1080))
 _WORLD_SEEDS = range(2**31 + 200, 2**31 + 204)
 _WORLD_FRAMES = (0, 100)
@@ -77,23 +74,6 @@ def kinds_table(answers: Answers, further: Mapping[str, Answers]) -> Table:
     ]
     title = "Camera: for which kind each kind was taken, %"
     return Table(title, ("true kind", *CAMERA_KINDS), tuple(rows))
-
-
-def untold_table(estimator: CameraEstimator, frames: Sequence[CleanFrame]) -> Table:
-    """Return what is said of kinds that can be injected and that the network does not tell."""
-    rows: list[Row] = []
-    for kind in sorted(set(KINDS["camera"]) - set(CAMERA_KINDS)):
-        for level in _UNTOLD_LEVELS:
-            estimates = [
-                estimator.estimate(degrade(kind, level, DrawKey(0, frame.name, 0), frame.read())[1])
-                for frame in frames
-            ]
-            said = Counter(estimate.kind for estimate in estimates).most_common(2)
-            shares = ", ".join(f"{name} {100 * n / len(frames):.0f} %" for name, n in said)
-            mean = float(np.mean([estimate.level for estimate in estimates]))
-            rows.append((kind, level, len(frames), mean, shares))
-    columns = ("kind", "level, %", "frames", "mean level said, %", "kinds said most")
-    return Table("Camera: kinds that it does not tell", columns, tuple(rows))
 
 
 def beyond_table(

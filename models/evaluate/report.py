@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -102,3 +102,9 @@ def on_front(points: Sequence[Point]) -> list[bool]:
 def cell(value: str | float) -> str:
     """Return a table's entry as text: numbers in four digits."""
     return value if isinstance(value, str) else f"{value:.4g}"
+
+
+def markdown(columns: Sequence[str], rows: Iterable[Sequence[str | float]]) -> list[str]:
+    """Return the lines of a table in Markdown."""
+    lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
+    return lines + [f"| {' | '.join(map(cell, row))} |" for row in rows]

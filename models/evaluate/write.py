@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib
@@ -12,7 +12,7 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-from models.evaluate.report import Goal, Picture, Point, Result, Table, cell, on_front
+from models.evaluate.report import Goal, Picture, Point, Result, Table, cell, markdown, on_front
 
 MOST_LABELS = 20
 """Points in a plot up to which each is labelled with its knob."""
@@ -45,19 +45,14 @@ def write_report(
     ]
     for result in results:
         if isinstance(result, Table):
-            lines += ["", f"## {result.title}", "", *_markdown(result.columns, result.rows)]
+            lines += ["", f"## {result.title}", "", *markdown(result.columns, result.rows)]
         elif isinstance(result, Picture):
             plots.append(_draw(result, folder / f"{name}-{len(plots) + 1}.png"))
             lines += ["", f"## {result.title}", "", f"![{result.title}]({plots[-1].name})"]
-    lines += ["", "## All points", "", *_markdown(*_points_table(points))]
+    lines += ["", "## All points", "", *markdown(*_points_table(points))]
     page = folder / f"{name}.md"
     page.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return [page, *plots]
-
-
-def _markdown(columns: Sequence[str], rows: Iterable[Sequence[str | float]]) -> list[str]:
-    lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
-    return lines + [f"| {' | '.join(map(cell, row))} |" for row in rows]
 
 
 def _points_table(points: Sequence[Point]) -> tuple[list[str], list[list[str | float]]]:

@@ -18,11 +18,11 @@ from dbc.errors import MissingExtra
 from models.estimate.camera import VERSION, CameraEstimator
 from models.estimate.exposure import SEEN
 from models.estimate.image_features import image_features
-from models.estimate.level import CAMERA_KINDS, LEVELS
+from models.estimate.level import FRAME_KINDS, LEVELS
 from models.estimate.network import softmax
-from models.evaluate.camera import Answers, CleanFrame, clean_frames, degraded, measure
+from models.evaluate.camera import Answers, CleanFrame, degraded, measure
 from models.training.camera_card import write_card
-from models.training.camera_frames import Clean, make_samples
+from models.training.camera_frames import Clean, make_samples, read_splits
 from models.training.camera_history import make_successive
 from models.training.camera_simulated import simulated_frames
 
@@ -53,7 +53,6 @@ _TUNNEL_EPOCHS = 150
 _WORLDS = 20
 _FRAMES_A_WORLD = 6
 _DRAWS = 8
-_QUICK_FRAMES = 12
 
 
 def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -> dict[str, object]:
@@ -88,12 +87,7 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
     """
     if not (data / "camera" / "index.csv").is_file() and find_drives(data):
         return tune(data, output, quick=quick, seed=seed, report=report)
-    splits = {split: clean_frames(data, split) for split in ("train", "val", "test")}
-    if quick:
-        splits = {
-            split: frames[:: max(1, len(frames) // _QUICK_FRAMES)]
-            for split, frames in splits.items()
-        }
+    splits = read_splits(data, ("train", "val", "test"), quick=quick)
     simulated = simulated_frames(1, 2) if quick else simulated_frames(_WORLDS, _FRAMES_A_WORLD)
     frames: list[Clean] = [*splits["train"], *simulated]
     samples = make_samples(frames, passes=1 if quick else _PASSES, seed=seed)
@@ -123,7 +117,7 @@ def train(data: Path, output: Path, *, quick: bool, seed: int, report: Report) -
         output,
         model="camera",
         version=VERSION,
-        kinds=CAMERA_KINDS,
+        kinds=FRAME_KINDS,
     )
     estimator = CameraEstimator(output)
     answers: dict[str, Answers] = {

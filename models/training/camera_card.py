@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from models.estimate.level import CAMERA_KINDS
+from models.estimate.level import FRAME_KINDS
 from models.evaluate.camera import Answers, CleanFrame
 from models.training.camera_frames import Recipe
 
@@ -108,7 +108,7 @@ def write_card(
     terms = _RESTRICTED.format(count=restricted) if restricted else ""
     recipe = Recipe()
     text = _HEAD.format(
-        kinds=", ".join(CAMERA_KINDS),
+        kinds=", ".join(FRAME_KINDS),
         parameters=parameters,
         samples=samples,
         successive=successive,

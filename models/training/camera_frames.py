@@ -13,6 +13,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Any, Protocol
 
 import cv2
@@ -22,14 +23,15 @@ from numpy.typing import NDArray
 from models.degrade.camera import Method
 from models.degrade.draw import DrawKey
 from models.estimate.image_features import image_features
-from models.estimate.level import CAMERA_KINDS, IMAGE_KINDS, LEVELS, OUTER_KINDS
-from models.evaluate.camera import COMBINED, MAIN_KINDS, degrade
+from models.estimate.level import FRAME_KINDS, IMAGE_KINDS, LEVELS, OUTER_KINDS
+from models.evaluate.camera import COMBINED, MAIN_KINDS, CleanFrame, clean_frames, degrade
 from models.evaluate.codecs import Image, gray, one_channel
 from models.training.camera_vary import compress, sense, vary, without_evidence
 
 FURTHER_KINDS = tuple(kind for kind in IMAGE_KINDS[1:] if kind not in (*MAIN_KINDS, *OUTER_KINDS))
 
 DEGRADED_PER_FRAME = 10
+_QUICK_FRAMES = 12
 _SHARE_OF_LEVELS_BETWEEN = 0.15
 _SHARE_WITHOUT_EVIDENCE = 0.04
 _SHARE_GRAY = 0.06
@@ -72,7 +74,7 @@ class Samples:
     levels:
         True level, %, (n,); also between the eleven.
     kinds:
-        Index into ``CAMERA_KINDS``, (n,).
+        Index into ``FRAME_KINDS``, (n,).
     """
 
     features: NDArray[Any]
@@ -95,6 +97,22 @@ class Clean(Protocol):
     def read_repaired(self) -> Image | None:
         """Return the mask of pixels that somebody painted over, or None."""
         ...
+
+
+def read_splits(data: Path, names: Sequence[str], *, quick: bool) -> dict[str, list[CleanFrame]]:
+    """Return the clean frames of some splits; a few of each where it must be quick.
+
+    Raises
+    ------
+    InputError
+        If the data lack something.
+    """
+    splits = {name: clean_frames(data, name) for name in names}
+    if not quick:
+        return splits
+    return {
+        name: frames[:: max(1, len(frames) // _QUICK_FRAMES)] for name, frames in splits.items()
+    }
 
 
 def make_samples(
@@ -164,7 +182,7 @@ def _make_pass(
                 image = compress(image, rng)
             features.append(describe(image))
             levels.append(level)
-            kinds.append(CAMERA_KINDS.index(kind))
+            kinds.append(FRAME_KINDS.index(kind))
     return Samples(np.array(features), np.array(levels, np.float32), np.array(kinds))
 
 

@@ -22,7 +22,7 @@ from models.degrade.draw import DrawKey
 from models.degrade.imager import Gain, draw
 from models.estimate.exposure import SEEN, ExposureHistory, seen_before
 from models.estimate.image_features import exposure, exposures, image_features
-from models.estimate.level import CAMERA_KINDS, IMAGE_KINDS, LEVELS
+from models.estimate.level import FRAME_KINDS, IMAGE_KINDS, LEVELS
 from models.evaluate.camera import degrade, tunnel_sequence
 from models.evaluate.codecs import Image
 from models.training.camera_frames import Clean, Samples, join
@@ -123,7 +123,7 @@ def _make_pass(
     samples = Samples(
         np.array([shot.features for shot in shots]),
         np.array([shot.level for shot in shots], np.float32),
-        np.array([CAMERA_KINDS.index(shot.kind) for shot in shots]),
+        np.array([FRAME_KINDS.index(shot.kind) for shot in shots]),
     )
     return samples, np.array(histories).reshape(len(shots), _DRAWS, SEEN)
 

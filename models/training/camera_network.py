@@ -6,7 +6,6 @@ probability score), because the levels are ordered: 50 % for 40 % is better than
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import prod
 from typing import TYPE_CHECKING
 
@@ -16,12 +15,13 @@ from numpy.typing import NDArray
 from dbc.errors import MissingExtra
 from models.estimate.exposure import SEEN
 from models.estimate.image_places import PLACES
-from models.estimate.level import CAMERA_KINDS, IMAGE_KINDS, LEVELS, OUTER_KINDS
+from models.estimate.level import FRAME_KINDS, IMAGE_KINDS, LEVELS, OUTER_KINDS
 from models.training.camera_frames import Samples
 
 try:
     import torch
 
+    from models.training.descend import Report, descend
     from models.training.device import best_device
 except ImportError:
     raise MissingExtra("train", "murk train camera") from None
@@ -34,8 +34,8 @@ _SEEN = 16
 _BATCH = 256
 _WEIGHT_DECAY = 2e-2
 _RANKED_WEIGHT = 2.0
-_CLEAN = CAMERA_KINDS.index("clean")
-_TUNNEL = CAMERA_KINDS.index("tunnel")
+_CLEAN = FRAME_KINDS.index("clean")
+_TUNNEL = FRAME_KINDS.index("tunnel")
 _CLEAN_WEIGHT = 3.0  # most frames of a drive are clean: a false alarm is the costliest error
 _CLEAN_LOG_ODDS = 5.0  # 150 times as often in a drive as among the samples
 _OUTER_LOG_ODDS = -3.0  # a hazy or soft scene is no degradation: what it is must be sure
@@ -139,7 +139,7 @@ class Successive(torch.nn.Module):
 
     def __init__(self, image: Perceptron) -> None:
         super().__init__()
-        odds = torch.zeros(len(CAMERA_KINDS), len(LEVELS))
+        odds = torch.zeros(len(FRAME_KINDS), len(LEVELS))
         odds[_TUNNEL] = _NEVER
         self.register_buffer("alone", odds)
         self.register_buffer("in_a_run", odds.clone())
@@ -182,7 +182,7 @@ def favour_clean(network: Successive) -> None:
         odds.zero_()
         odds[_CLEAN, 0] = _CLEAN_LOG_ODDS
         for kind in OUTER_KINDS:
-            odds[CAMERA_KINDS.index(kind)] = _OUTER_LOG_ODDS
+            odds[FRAME_KINDS.index(kind)] = _OUTER_LOG_ODDS
         odds[_TUNNEL] = of_tunnel
 
 
@@ -192,7 +192,7 @@ def fit(
     *,
     epochs: int,
     peak_rate: float,
-    report: Callable[[dict[str, object]], None],
+    report: Report,
 ) -> None:
     """Train a network, which ends in the state of evaluation; the rate rises and falls once.
 
@@ -206,21 +206,16 @@ def fit(
     features = torch.from_numpy(samples.features).to(device)
     levels = torch.from_numpy(_spread_over_levels(samples.levels)).to(device)
     kinds = torch.from_numpy(samples.kinds).to(device)
-    steps = epochs * -(-len(features) // _BATCH)
-    optimizer = torch.optim.AdamW(network.parameters(), weight_decay=_WEIGHT_DECAY)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, peak_rate, total_steps=steps)
     network.train()
-    for epoch in range(epochs):
-        total = 0.0
-        for batch in torch.split(torch.randperm(len(features)), _BATCH):
-            loss = _loss(network.joint(features[batch]), levels[batch], kinds[batch])
-            optimizer.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            optimizer.step()
-            schedule.step()
-            total += loss.item() * len(batch)
-        if (epoch + 1) % (epochs // 10) == 0:
-            report({"epoch": epoch + 1, "of": epochs, "loss": total / len(features)})
+    descend(
+        torch.optim.AdamW(network.parameters(), weight_decay=_WEIGHT_DECAY),
+        lambda batch: _loss(network.joint(features[batch]), levels[batch], kinds[batch]),
+        len(features),
+        batch=_BATCH,
+        epochs=epochs,
+        peak_rate=peak_rate,
+        report=report,
+    )
     network.to("cpu").eval()
 
 
@@ -231,7 +226,7 @@ def fit_tunnel(
     *,
     epochs: int,
     peak_rate: float,
-    report: Callable[[dict[str, object]], None],
+    report: Report,
 ) -> None:
     """Train what tells a tunnel by what was before a frame; the rest of the network stays.
 
@@ -247,23 +242,23 @@ def fit_tunnel(
         features = torch.split(torch.from_numpy(samples.features), _BATCH)
         answers = torch.cat([network.image.joint(part) for part in features])
     levels = torch.from_numpy(_spread_over_levels(samples.levels))
-    optimizer = torch.optim.AdamW(network.tunnel.parameters())
-    steps = epochs * -(-len(answers) // _BATCH)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, peak_rate, total_steps=steps)
     drawn, kinds = torch.from_numpy(histories), torch.from_numpy(samples.kinds)
-    for epoch in range(epochs):
-        total = 0.0
-        for batch in torch.split(torch.randperm(len(answers)), _BATCH):
-            history = drawn[batch, torch.randint(drawn.shape[1], batch.shape)]
-            history = history.masked_fill(torch.rand(len(batch), 1) < _SHARE_ALONE, 0)
-            loss = _loss(network.joint(answers[batch], history), levels[batch], kinds[batch])
-            optimizer.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            optimizer.step()
-            schedule.step()
-            total += loss.item() * len(batch)
-        if (epoch + 1) % (epochs // 10) == 0:
-            report({"tunnel's epoch": epoch + 1, "of": epochs, "loss": total / len(answers)})
+
+    def loss_of(batch: Tensor) -> Tensor:
+        history = drawn[batch, torch.randint(drawn.shape[1], batch.shape)]
+        history = history.masked_fill(torch.rand(len(batch), 1) < _SHARE_ALONE, 0)
+        return _loss(network.joint(answers[batch], history), levels[batch], kinds[batch])
+
+    descend(
+        torch.optim.AdamW(network.tunnel.parameters()),
+        loss_of,
+        len(answers),
+        batch=_BATCH,
+        epochs=epochs,
+        peak_rate=peak_rate,
+        report=report,
+        name="tunnel's epoch",
+    )
     network.eval()
 
 

@@ -30,13 +30,13 @@ from dbc.errors import InputError, MissingExtra
 from models.estimate.camera import VERSION, CameraEstimator
 from models.estimate.exposure import SEEN
 from models.estimate.image_features import image_features
-from models.estimate.level import CAMERA_KINDS, LEVELS, Estimate
-from models.evaluate.camera import clean_frames, measure
+from models.estimate.level import FRAME_KINDS, LEVELS, Estimate
+from models.evaluate.camera import measure
 from models.evaluate.classics import classic_features
 from models.evaluate.codecs import Image
 from models.evaluate.opponents import Opponent
 from models.evaluate.timing import median_us, one_thread
-from models.training.camera_frames import MAIN_ONLY, Clean, Samples, make_samples
+from models.training.camera_frames import MAIN_ONLY, Clean, Samples, make_samples, read_splits
 from models.training.camera_network import Perceptron, Successive, fit
 from models.training.camera_paper import CROP, crop, fit_paper, paper_network, probabilities
 from models.training.camera_simulated import simulated_frames
@@ -58,7 +58,6 @@ Report = Callable[[dict[str, object]], None]
 _PASSES = 3
 _EPOCHS = 30
 _DRAWS = 8
-_QUICK_FRAMES = 12
 _ROUNDS = 20
 _CLASSIC = "classic_features"
 
@@ -95,12 +94,7 @@ def train_opponent(
     """
     if name not in OPPONENTS:
         raise InputError(f"--opponent {name}", "is unknown", f"expected {', '.join(OPPONENTS)}")
-    splits = {split: clean_frames(data, split) for split in ("train", "val", "test")}
-    if quick:
-        splits = {
-            split: frames[:: max(1, len(frames) // _QUICK_FRAMES)]
-            for split, frames in splits.items()
-        }
+    splits = read_splits(data, ("train", "val", "test"), quick=quick)
     simulated = simulated_frames(1, 2) if quick else simulated_frames(20, 6)
     trained = OPPONENTS[name]([*splits["train"], *simulated], quick, seed, report)
     report({"measuring": name})
@@ -201,7 +195,7 @@ def _own(
     with TemporaryDirectory() as folder:
         file = Path(folder) / "camera.onnx"
         export(
-            Successive(network), example, file, model="camera", version=VERSION, kinds=CAMERA_KINDS
+            Successive(network), example, file, model="camera", version=VERSION, kinds=FRAME_KINDS
         )
         estimator = CameraEstimator(file)
     return Trained(

@@ -19,7 +19,7 @@ from dbc.errors import InputError
 from drivers.camera import IMAGE_SUFFIXES, VIDEO_SUFFIXES, open_camera_source
 from models.estimate.camera import VERSION, CameraEstimator
 from models.estimate.exposure import SEEN
-from models.estimate.level import CAMERA_KINDS
+from models.estimate.level import FRAME_KINDS
 from models.estimate.network import WEIGHTS
 from models.evaluate.camera import Answers, measure
 from models.training.camera_frames import DEGRADED_PER_FRAME, join, make_samples
@@ -122,7 +122,7 @@ def tune(
         output,
         model="camera",
         version=VERSION,
-        kinds=CAMERA_KINDS,
+        kinds=FRAME_KINDS,
     )
     before, after = (
         measure(CameraEstimator(path).estimate, held_out, draws=_DRAWS, seed=seed)

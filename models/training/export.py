@@ -21,6 +21,7 @@ def export(
     version: int,
     kinds: tuple[str, ...] = (),
     outputs: tuple[str, ...] = ("level", "kind"),
+    free: Mapping[str, Mapping[int, str]] | None = None,
 ) -> None:
     """Write a network with the metadata that murk asks for.
 
@@ -36,6 +37,8 @@ def export(
         See ``models.estimate.network``.
     outputs:
         Names of what the network returns.
+    free:
+        By input, the axes of any length, and what they are called.
     """
     # The exporter reports, as warnings, the parts of PyTorch that are not installed.
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
@@ -46,6 +49,7 @@ def export(
             tuple(example.values()),
             input_names=list(example),
             output_names=list(outputs),
+            dynamic_shapes=[dict(free.get(name, {})) for name in example] if free else None,
             dynamo=True,
             verbose=False,
         )

@@ -9,7 +9,7 @@ way on all drives.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -33,6 +33,7 @@ try:
     import torch
     from torch.nn import functional
 
+    from models.training.descend import Report, descend
     from models.training.device import best_device
     from models.training.export import export
     from models.training.radar_temperature import Temperature, temper
@@ -41,8 +42,6 @@ except ImportError:
 
 if TYPE_CHECKING:
     from torch import Tensor
-
-Report = Callable[[dict[str, object]], None]
 
 HIDDEN = 64
 """Width of the hidden layers."""
@@ -259,19 +258,21 @@ def _fit(samples: Samples, columns: NDArray[np.float32], hidden: int) -> Percept
     network = Perceptron(*_location_and_scale(inputs), hidden).to(device)
     inputs, levels, kinds = inputs.to(device), levels.to(device), kinds.to(device)
     kind_weights, level_weights = kind_weights.to(device), level_weights.to(device)
-    steps = _EPOCHS * -(-len(inputs) // _BATCH)
-    optimizer = torch.optim.AdamW(network.parameters(), weight_decay=_WEIGHT_DECAY)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, _PEAK_RATE, total_steps=steps)
-    for _ in range(_EPOCHS):
-        for batch in torch.split(torch.randperm(len(inputs)), _BATCH):
-            logits = network(inputs[batch])
-            level, kind = logits[:, : len(LEVELS)], logits[:, len(LEVELS) :]
-            loss = (level_weights[batch] * _level_loss(level, levels[batch])).mean()
-            loss = loss + _KIND_WEIGHT * functional.cross_entropy(kind, kinds[batch], kind_weights)
-            optimizer.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            optimizer.step()
-            schedule.step()
+
+    def loss_of(batch: Tensor) -> Tensor:
+        logits = network(inputs[batch])
+        level, kind = logits[:, : len(LEVELS)], logits[:, len(LEVELS) :]
+        loss = (level_weights[batch] * _level_loss(level, levels[batch])).mean()
+        return loss + _KIND_WEIGHT * functional.cross_entropy(kind, kinds[batch], kind_weights)
+
+    descend(
+        torch.optim.AdamW(network.parameters(), weight_decay=_WEIGHT_DECAY),
+        loss_of,
+        len(inputs),
+        batch=_BATCH,
+        epochs=_EPOCHS,
+        peak_rate=_PEAK_RATE,
+    )
     return network.to("cpu")
 
 

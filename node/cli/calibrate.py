@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
+from enum import StrEnum
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -13,10 +14,16 @@ import typer
 
 from dbc.errors import InputError, MurkError
 from node.cli.output import emit, plain_console
-from node.cli.train import Sensor
 
 if TYPE_CHECKING:
     from node.batch import Message
+
+
+class Sensor(StrEnum):
+    """A sensor that can be calibrated."""
+
+    camera = "camera"
+    radar = "radar"
 
 
 def calibrate(

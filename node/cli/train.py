@@ -1,4 +1,4 @@
-"""``murk train``: train the network of a sensor, measure it, and write it with its card.
+"""``murk train``: train a network of murk's, measure it, and write it with its card.
 
 On drives without murk's index, the camera's shipped network is fine-tuned instead.
 """
@@ -13,18 +13,20 @@ from typing import Annotated
 
 import typer
 
+from dbc.errors import InputError
 from node.cli.output import emit, plain_console
 
 
-class Sensor(StrEnum):
-    """A sensor whose network can be trained."""
+class Trainable(StrEnum):
+    """What has a network of its own."""
 
     camera = "camera"
+    lens = "lens"
     radar = "radar"
 
 
 def train(
-    sensor: Annotated[Sensor, typer.Argument(help="Whose network.")],
+    sensor: Annotated[Trainable, typer.Argument(help="Whose network.")],
     data: Annotated[
         Path,
         typer.Option(
@@ -35,7 +37,7 @@ def train(
     ],
     output: Annotated[
         Path | None,
-        typer.Option(help="ONNX file to write [default: SENSOR.onnx].", metavar="FILE"),
+        typer.Option(help="ONNX file to write [default: NAME.onnx].", metavar="FILE"),
     ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="A trial in seconds; not a network to use.")
@@ -51,7 +53,7 @@ def train(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
 ) -> None:
-    """Train the network of a sensor; needs the extra 'train'."""
+    """Train the network of a sensor, or the one for a camera's lens; needs the extra 'train'."""
     console = plain_console()
 
     def report(progress: dict[str, object]) -> None:
@@ -61,6 +63,10 @@ def train(
             console.print("  ".join(f"{name} {value}" for name, value in progress.items()))
 
     if opponent:
+        if sensor is Trainable.lens:
+            raise InputError(
+                "--opponent", "given for the lens", "the camera or the radar have some"
+            )
         training = import_module(f"models.training.{sensor}_opponents")
         output = output or Path(f"{sensor}_{opponent}.json")
         train_network = partial(training.train_opponent, opponent)

@@ -1,15 +1,22 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from models.degrade.draw import DrawKey
 from models.estimate.adaptive import GLANCE, LONGEST_REST_S, AdaptiveCamera
-from models.estimate.camera import CameraEstimator
+from models.estimate.camera import CameraEstimator, CameraHistory
 from models.estimate.exposure import MEASURES, ExposureHistory
+from models.estimate.lens import LensHistory, LensNetwork
 from models.estimate.level import LEVELS, Estimate
+from models.evaluate.camera import degrade
+from models.evaluate.camera_clip import CLIPS, clip_frames
+from models.world.camera import WorldCamera
+from models.world.road import World
 
-begin = ExposureHistory.begin
 IMAGE = np.zeros((4, 4, 3), np.uint8)
 STEP_NS = 40_000_000
 
@@ -20,23 +27,28 @@ class Scripted(CameraEstimator):
     def __init__(self) -> None:
         self.level, self.sure = 0.0, True
         self.efforts: list[float] = []
-        self.histories: list[ExposureHistory | None] = []
+        self.histories: list[CameraHistory | None] = []
 
     def estimate_next(
         self,
-        history: ExposureHistory | None,
+        history: CameraHistory | None,
         image: NDArray[np.uint8],
         stamp_ns: int,
         effort: float = 1.0,
-    ) -> tuple[Estimate, ExposureHistory]:
+    ) -> tuple[Estimate, CameraHistory]:
         self.efforts.append(effort)
         self.histories.append(history)
         probabilities = (
             np.where(self.level == LEVELS, 1.0, 0.0) if self.sure else np.full(11, 1 / 11)
         )
         exposed = np.full(MEASURES, effort)
-        after = history.after(stamp_ns, exposed) if history else begin(stamp_ns, exposed)
-        return Estimate(probabilities, {"clean": 1.0}, effort), after
+        if history:
+            after = history.exposure.after(stamp_ns, exposed)
+        else:
+            after = ExposureHistory.begin(stamp_ns, exposed)
+        lens = LensHistory.begin(stamp_ns, image)
+        said = Estimate(probabilities, {"clean": 1.0}, effort)
+        return said, CameraHistory(after, lens, None)
 
 
 @pytest.fixture
@@ -82,11 +94,13 @@ def test_a_frame_looked_at_twice_is_taken_in_once_as_it_was_looked_at_last(
     adaptive.estimate(IMAGE, 2 * STEP_NS)
     first, glance, whole, then = camera.histories
     assert first is None
-    assert glance is whole is not None
-    assert whole.stamp_ns == 0
+    assert glance is not None
+    assert whole is not None
+    assert whole.exposure is glance.exposure
+    assert whole.exposure.stamp_ns == 0
     assert then is not None
-    assert then.stamp_ns == STEP_NS
-    assert np.all(then.averages == 1.0)
+    assert then.exposure.stamp_ns == STEP_NS
+    assert np.all(then.exposure.averages == 1.0)
 
 
 def test_a_level_that_moves_gets_no_rest(camera: Scripted) -> None:
@@ -101,3 +115,34 @@ def test_a_clock_set_back_does_not_stop_it(camera: Scripted) -> None:
     adaptive.estimate(IMAGE, 10**12)
     adaptive.estimate(IMAGE, 10**12 + STEP_NS)
     assert adaptive.estimate(IMAGE, 0) is not None
+
+
+def test_a_lens_is_looked_at_once_where_a_frame_is_looked_at_twice(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looked: list[int] = []
+    real = LensNetwork.log_ratios
+
+    def counted(network: LensNetwork, history: LensHistory) -> NDArray[np.float64]:
+        looked.append(history.stamp_ns)
+        return real(network, history)
+
+    monkeypatch.setattr(LensNetwork, "log_ratios", counted)
+    scene = WorldCamera(World(3, 2.0), width=640, height=360, rate_hz=25.0)
+    adaptive = AdaptiveCamera(CameraEstimator())
+    efforts = []
+    for number, frame in enumerate(scene.frames()):
+        level = 0.0 if number < 12 else 15.0  # between two levels: never quite sure
+        image = degrade("blur", level, DrawKey(0, "c", number), frame.image)[1]
+        estimate = adaptive.estimate(image, frame.stamp_ns)
+        efforts.append(estimate.effort if estimate else 0.0)
+    assert {0.0, GLANCE, 1.0} <= set(efforts)
+    assert len(looked) == len(set(looked)) > 3
+
+
+@pytest.mark.parametrize("clip", CLIPS[:2])
+def test_a_clean_clip_by_day_mostly_gets_glances(data: Path, clip: str) -> None:
+    adaptive = AdaptiveCamera(CameraEstimator())
+    said = [adaptive.estimate(frame.image, frame.stamp_ns) for frame in clip_frames(data, clip)]
+    efforts = [estimate.effort if estimate else 0.0 for estimate in said]
+    assert np.mean(np.array(efforts) < 1.0) > 0.5

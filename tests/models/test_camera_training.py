@@ -18,7 +18,7 @@ from models.estimate.camera import CameraEstimator
 from models.estimate.exposure import SEEN
 from models.estimate.image_features import FEATURES, exposure, image_features
 from models.estimate.image_places import PLACES
-from models.estimate.level import CAMERA_KINDS, OUTER_KINDS
+from models.estimate.level import FRAME_KINDS, OUTER_KINDS
 from models.evaluate.camera import TUNNEL_PERIOD, clean_frames, degrade
 from models.evaluate.codecs import gray, h264, one_channel
 from models.training import camera_frames
@@ -103,7 +103,7 @@ def test_samples_of_a_drive_have_histories_and_do_not_depend_on_the_order(
     assert np.isfinite(seen).all()
     assert seen.shape == (len(one.levels), seen.shape[1], SEEN)
     assert np.all(seen[..., 0] == 1)
-    assert np.sum(one.kinds == CAMERA_KINDS.index("tunnel")) == 4 * len(frames)
+    assert np.sum(one.kinds == FRAME_KINDS.index("tunnel")) == 4 * len(frames)
 
 
 def test_what_was_otherwise_before_ends_in_what_is() -> None:
@@ -189,14 +189,14 @@ def test_odds_of_a_drive_favour_clean_and_doubt_the_weather_and_tunnels() -> Non
         favour_clean(network)
         after = [network(features, seen)[1] for seen in (run, torch.zeros(4, SEEN))]
     changes = [one - other for one, other in zip(after, before, strict=True)]
-    tunnels = [change[:, CAMERA_KINDS.index("tunnel")] for change in changes]
+    tunnels = [change[:, FRAME_KINDS.index("tunnel")] for change in changes]
     assert torch.all(tunnels[1] < tunnels[0] - 1)
     assert torch.all(tunnels[0] < -1)
     for change in changes:
         assert torch.all(change[:, 0] > 2)
         for kind in OUTER_KINDS:
-            assert torch.all(change[:, CAMERA_KINDS.index(kind)] < -2.9)
-        assert torch.all(change[:, CAMERA_KINDS.index("blur")].abs() < 1e-5)
+            assert torch.all(change[:, FRAME_KINDS.index(kind)] < -2.9)
+        assert torch.all(change[:, FRAME_KINDS.index("blur")].abs() < 1e-5)
 
 
 def test_what_was_before_changes_nothing_until_it_is_learnt_and_then_a_tunnel_only() -> None:

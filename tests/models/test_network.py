@@ -11,7 +11,7 @@ from dbc.errors import ModelError
 from models.estimate.camera import VERSION
 from models.estimate.exposure import SEEN
 from models.estimate.image_features import FEATURES
-from models.estimate.level import CAMERA_KINDS
+from models.estimate.level import FRAME_KINDS
 from models.estimate.network import WEIGHTS, Network, softmax
 
 CAMERA = WEIGHTS / "camera.onnx"
@@ -25,7 +25,7 @@ def load(
 
 
 def test_shipped_camera_network_knows_its_kinds() -> None:
-    assert load(CAMERA).kinds == CAMERA_KINDS
+    assert load(CAMERA).kinds == FRAME_KINDS
 
 
 def test_missing_file(tmp_path: Path) -> None:

@@ -7,16 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drivers.frame import Frame
 from drivers.scan import RadarScan
-from models.estimate.level import NoiseLevel
+from models.estimate.lens import LOG_RATIOS
+from models.estimate.level import LENS_KINDS, LENS_ODDS, NoiseLevel
 from models.evaluate.radar import degraded, simulated_drive
+from models.world.camera import WorldCamera
+from models.world.road import World
 from node.estimator import Estimator, load_network
 
 SEED = 2**31 + 4000  # of a world that no training draws
 
 
-def level_of(estimator: Estimator, scan: RadarScan) -> NoiseLevel:
-    return estimator.estimate(scan, arrival_ns=0, injected=None, dropped=0)
+def level_of(estimator: Estimator, message: RadarScan | Frame) -> NoiseLevel:
+    return estimator.estimate(message, arrival_ns=0, injected=None, dropped=0)
 
 
 def test_radar_is_estimated_from_a_window_that_fills() -> None:
@@ -73,3 +77,22 @@ def test_a_message_a_little_late_changes_nothing() -> None:
     before = level_of(estimator, clean[2])
     after = level_of(estimator, degraded(clean[1], "snr", 100.0, seed=5))
     np.testing.assert_array_equal(after.probabilities, before.probabilities)
+
+
+def test_what_the_lens_says_reaches_the_published_level_and_is_no_news_in_every_frame(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Drops that are likelier than not stay so: the filter in time does not count them again."""
+    lens = np.full(LOG_RATIOS, -30.0)
+    lens[LENS_KINDS.index("drops"), 5:] = np.log(3.0 / LENS_ODDS)
+    monkeypatch.setattr("models.estimate.lens.LensNetwork.log_ratios", lambda *_: lens)
+    estimator = Estimator("camera")
+    camera = WorldCamera(World(4, 4.0), width=320, height=180, rate_hz=10.0)
+    said = [level_of(estimator, frame) for frame in camera.frames()]
+    assert said[0].kind == "clean"
+    for level in said[-10:]:
+        assert level.kind == "drops"
+        assert 0.5 < level.kind_probabilities["drops"] < 0.7
+        assert level.level == pytest.approx(0.6 * 80, abs=5)
+        assert level.std > 25
+        assert level.raw == pytest.approx(level.level, abs=3)

@@ -51,5 +51,12 @@ def test_a_folder_without_data(tmp_path: Path) -> None:
     assert "index.csv" in str(result.exception)
 
 
+def test_the_lens_has_no_opponents(tmp_path: Path) -> None:
+    arguments = ["train", "lens", "--data", str(tmp_path), "--opponent", "trees"]
+    result = CliRunner().invoke(app, arguments)
+    assert isinstance(result.exception, InputError)
+    assert "--opponent" in str(result.exception)
+
+
 def test_a_sensor_without_a_network() -> None:
     assert CliRunner().invoke(app, ["train", "sonar", "--data", "."]).exit_code == 2
