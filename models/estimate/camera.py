@@ -18,6 +18,8 @@ from models.estimate.network import WEIGHTS, Network
 VERSION = 5
 """Version of the inputs; raised whenever ``image_features`` or ``exposure`` change in meaning."""
 
+_CLEAR = 0.5
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraHistory:
@@ -90,7 +92,8 @@ class CameraEstimator:
     ) -> tuple[Estimate, CameraHistory]:
         """Return level and kind of one camera's next frame, and the history with that frame.
 
-        What the frames say of the lens is apart, in ``Estimate.lens``.
+        What the frames say of the lens is apart, in ``Estimate.lens``; those that are degraded by
+        themselves are left out of it.
 
         Parameters
         ----------
@@ -113,7 +116,7 @@ class CameraEstimator:
         if history is None:
             begun = ExposureHistory.begin(stamp_ns, exposed)
             return estimate, CameraHistory(begun, LensHistory.begin(stamp_ns, image), None)
-        after = self._look_at_lens(history, image, stamp_ns)
+        after = self._look_at_lens(history, image, stamp_ns) if _shows_lens(estimate) else history
         exposure_after = history.exposure.after(stamp_ns, exposed)
         if exposure_after is not history.exposure:
             after = replace(after, exposure=exposure_after)
@@ -151,3 +154,9 @@ class CameraEstimator:
         answer = self._network.run(inputs)
         kinds = dict.fromkeys(CAMERA_KINDS, 0.0) | answer.kind_probabilities
         return replace(answer, kind_probabilities=kinds, effort=effort)
+
+
+def _shows_lens(estimate: Estimate) -> bool:
+    """Tell whether a frame is clear enough to be looked at for what is on the lens."""
+    kinds = estimate.kind_probabilities
+    return kinds["clean"] + kinds["dirt"] > _CLEAR

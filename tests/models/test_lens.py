@@ -32,6 +32,8 @@ from models.estimate.level import CAMERA_KINDS, FRAME_KINDS, LENS_KINDS, LEVELS,
 from models.estimate.network import WEIGHTS
 from models.evaluate.camera import degrade
 from models.evaluate.camera_clip import CLIPS, clip_frames
+from models.world.camera import WorldCamera
+from models.world.road import World
 
 S = 10**9
 Image = NDArray[np.uint8]
@@ -39,6 +41,13 @@ Image = NDArray[np.uint8]
 
 def textured(seed: int, height: int = 90, width: int = 160) -> Image:
     return np.random.default_rng(seed).integers(0, 256, (height, width, 3), np.uint8)
+
+
+@pytest.fixture(scope="module")
+def drive() -> list[Image]:
+    """Return clean frames of a simulated drive."""
+    camera = WorldCamera(World(5, 4.0), width=320, height=180, rate_hz=15.0)
+    return [frame.image for frame in camera.frames()]
 
 
 @given(st.integers(1, 400), st.integers(1, 400), st.integers(0, 2**32 - 1))
@@ -177,11 +186,11 @@ def test_where_nothing_shows_it_stays_unsure(value: int) -> None:
     assert estimate.with_lens().std > 10
 
 
-def test_a_lens_is_looked_at_no_more_often_than_it_takes() -> None:
+def test_a_lens_is_looked_at_no_more_often_than_it_takes(drive: list[Image]) -> None:
     estimator, history = CameraEstimator(), None
     stamps, said = set(), []
-    for number in range(60):
-        estimate, history = estimator.estimate_next(history, textured(number), number * 40_000_000)
+    for number, image in enumerate(drive):
+        estimate, history = estimator.estimate_next(history, image, number * 40_000_000)
         stamps.add(history.lens.stamp_ns)
         said.append(estimate.lens)
     looks = sorted(stamps)
@@ -191,22 +200,37 @@ def test_a_lens_is_looked_at_no_more_often_than_it_takes() -> None:
     assert said[-1] is not None
 
 
-def test_a_late_frame_is_told_what_is_known_of_the_lens_and_leaves_no_trace() -> None:
+def test_a_late_frame_is_told_what_is_known_of_the_lens_and_leaves_no_trace(
+    drive: list[Image],
+) -> None:
     estimator, history = CameraEstimator(), None
     for number in range(4):
-        newest, history = estimator.estimate_next(history, textured(number), number * S // 2)
-    late, after = estimator.estimate_next(history, textured(9), S)
+        newest, history = estimator.estimate_next(history, drive[number], number * S // 2)
+    late, after = estimator.estimate_next(history, drive[9], S)
     assert after is history
     assert late.lens is newest.lens is not None
 
 
-def test_threads_that_share_an_estimator_change_nothing() -> None:
+def test_degraded_frames_leave_no_trace_in_what_is_seen_of_the_lens(drive: list[Image]) -> None:
+    estimator, history = CameraEstimator(), None
+    for number in range(4):
+        _, history = estimator.estimate_next(history, drive[number], number * S // 2)
+    assert history is not None
+    noisy = degrade("noise", 80.0, DrawKey(0, "c", 0), drive[4])[1]
+    estimate, after = estimator.estimate_next(history, noisy, 2 * S)
+    assert estimate.kind == "noise"
+    assert after.lens is history.lens
+    _, later = estimator.estimate_next(after, drive[5], 4 * S)
+    assert later.lens.age_s == 0
+
+
+def test_threads_that_share_an_estimator_change_nothing(drive: list[Image]) -> None:
     estimator = CameraEstimator()
 
     def run(_: int) -> NDArray[np.float64]:
         history = None
         for number in range(6):
-            estimate, history = estimator.estimate_next(history, textured(number), number * S // 2)
+            estimate, history = estimator.estimate_next(history, drive[number], number * S // 2)
         assert estimate.lens is not None
         return estimate.lens
 
