@@ -22,7 +22,10 @@ from models.evaluate.filter_rates import STEP, LevelTrack, truths
 from models.evaluate.report import Picture
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+Numbers = NDArray[np.float64] | NDArray[np.intp]
 
 CLIPS = ("day_highway_960x540_25fps", "day_city_1242x374_10fps", "night_1920x1080_30fps")
 
@@ -163,3 +166,14 @@ def step_picture(title: str, tracks: Sequence[Track]) -> Picture:
         axis.spines[["top", "right"]].set_visible(False)
 
     return Picture(title, draw)
+
+
+def draw_alone_and_run(
+    axis: Axes, x: Numbers, truth: Numbers, alone: Numbers, run: Numbers
+) -> None:
+    """Plot true levels, and what is said of each frame alone and in a run, over time or frames."""
+    axis.plot(x, truth, color=_COLOURS["truth"], drawstyle="steps-post", label="true")
+    axis.plot(x, alone, color="0.6", label="each frame alone")
+    axis.plot(x, run, color=_COLOURS["estimate"], label="with those before")
+    axis.set_ylim(-3, 103)
+    axis.spines[["top", "right"]].set_visible(False)

@@ -15,7 +15,7 @@ from drivers.frame import Frame
 from models.estimate.camera import CameraEstimator
 from models.estimate.level import Estimate
 from models.evaluate.camera import TUNNEL_FRAMES, TUNNEL_PERIOD
-from models.evaluate.camera_clip import CLIPS, Track, clip_frames, track
+from models.evaluate.camera_clip import CLIPS, Track, clip_frames, draw_alone_and_run, track
 from models.evaluate.report import Picture, Table
 
 if TYPE_CHECKING:
@@ -78,14 +78,10 @@ def tunnel_picture(estimator: CameraEstimator, data: Path) -> Picture:
         axes = figure.subplots(1, len(shown), sharey=True)
         since = np.arange(len(frames)) - _BEFORE
         for axis, (name, (alone, run)) in zip(axes, shown.items(), strict=True):
-            axis.plot(since, run.levels, color="#c2410c", drawstyle="steps-post", label="true")
-            axis.plot(since, _means(alone), color="0.6", label="each frame alone")
-            axis.plot(since, _means(run), color="#0b6e99", label="with those before")
+            draw_alone_and_run(axis, since, run.levels, _means(alone), _means(run))
             axis.set_title(name, size=10)
             axis.set_xlabel("frames since the mouth")
-            axis.spines[["top", "right"]].set_visible(False)
         axes[0].set_ylabel("estimated level, %")
-        axes[0].set_ylim(-3, 103)
         axes[0].legend(frameon=False, fontsize=8)
 
     return Picture(f"Camera: a tunnel's mouth of {_SHOWN:.0f} % in a real clip", draw)

@@ -17,7 +17,7 @@ from models.estimate.filter import level_filter
 from models.estimate.lens import LOOK_EVERY_S
 from models.estimate.level import LENS_KINDS, Estimate
 from models.evaluate.camera import CleanFrame, clean_frames
-from models.evaluate.camera_clip import CLIPS, Track, clip_frames, track
+from models.evaluate.camera_clip import CLIPS, Track, clip_frames, draw_alone_and_run, track
 from models.evaluate.codecs import Image
 from models.evaluate.report import Picture, Table
 from models.evaluate.timing import median_us
@@ -149,14 +149,10 @@ def lens_picture(estimator: CameraEstimator, data: Path) -> Picture:
     def draw(figure: Figure) -> None:
         axes = figure.subplots(1, len(shown), sharey=True)
         for axis, (kind, (alone, run)) in zip(axes, shown.items(), strict=True):
-            axis.axhline(_SHOWN, color="#c2410c", label="true")
-            axis.plot(alone.seconds, _means(alone), color="0.6", label="each frame alone")
-            axis.plot(run.seconds, _means(run), color="#0b6e99", label="in a run")
+            draw_alone_and_run(axis, run.seconds, run.levels, _means(alone), _means(run))
             axis.set_title(kind, size=10)
             axis.set_xlabel("time since the first frame, s")
-            axis.spines[["top", "right"]].set_visible(False)
         axes[0].set_ylabel("estimated level, %")
-        axes[0].set_ylim(-3, 103)
         axes[0].legend(frameon=False, fontsize=8)
 
     return Picture(f"Camera: {_SHOWN:.0f} % on the lens in a real clip", draw)

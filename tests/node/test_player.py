@@ -1,10 +1,6 @@
 from __future__ import annotations
 
 import itertools
-import json
-import os
-import signal
-import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,29 +13,10 @@ from hypothesis import strategies as st
 from dbc.errors import LogError, SceneError
 from drivers.can_bus import CanBus, open_bus
 from drivers.can_frames import CanFrames, FrameFlag
-from drivers.candump import write_candump
-from node import cli
 from node.player import Lateness, Player, Recording
+from tests.node.candump_logs import START_NS, frames_at, write
 
-START_NS = 1_532_402_927_664_178_000
 _numbers = itertools.count()
-
-
-def frames_at(stamps_ns: list[int], can_ids: list[int] | None = None, flags: int = 0) -> CanFrames:
-    count = len(stamps_ns)
-    return CanFrames(
-        stamp_ns=np.array(stamps_ns, np.int64),
-        can_id=np.array(can_ids or [0x701] * count, np.uint32),
-        length=np.full(count, 8, np.uint8),
-        data=(np.arange(count, dtype=np.int64)[:, None] >> (8 * np.arange(8))).astype(np.uint8),
-        flags=np.full(count, flags, np.uint8),
-        channel=np.zeros(count, np.uint8),
-    )
-
-
-def write(path: Path, *batches: CanFrames) -> Path:
-    write_candump(path, batches)
-    return path
 
 
 class FakeTime:
@@ -323,86 +300,3 @@ def test_a_real_log_arrives_whole_in_order_and_in_time(data: Path, spec: str) ->
     error_ns = (heard_ns - heard_ns[0]) - (due_ns - due_ns[0])
     assert abs(np.median(error_ns)) < 20_000_000
     assert player.summary()["frames"] == len(due_ns)
-
-
-@pytest.fixture(autouse=True)
-def signals() -> Iterator[None]:
-    """Leave the signal handlers as they were: the command sets its own."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
-def murk(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["murk", *arguments])
-    with pytest.raises(SystemExit) as caught:
-        cli.main()
-    return int(caught.value.code or 0)
-
-
-def test_the_command_plays_and_sums_up(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    one = write(tmp_path / "one.log", frames_at([START_NS + k * 1_000_000 for k in range(10)]))
-    two = write(
-        tmp_path / "two.log", frames_at([START_NS + k * 1_000_000 for k in range(10)], [2] * 10)
-    )
-    spec = f"virtual:command{next(_numbers)}"
-    with open_bus(spec) as bus:
-        arguments = ["--speed", "10", "--id", "0x701", "--id", "2", "--json"]
-        assert murk(monkeypatch, "play", str(one), str(two), spec, *arguments) == 0
-        assert len(bus.read(0.0)) == 20
-    (line,) = capsys.readouterr().out.splitlines()
-    summary = json.loads(line)
-    assert summary["type"] == "summary"
-    assert summary["frames"] == 20
-    assert summary["laps"] == 1
-
-
-def test_the_command_without_json_speaks_to_people(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = write(tmp_path / "one.log", frames_at([START_NS + k * 1_000_000 for k in range(10)]))
-    assert murk(monkeypatch, "play", str(log), f"virtual:people{next(_numbers)}") == 0
-    assert "10 frames" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["missing.log", "virtual:x"],
-        ["one.log", "nonsense:x"],
-        ["one.log", "virtual:x", "--id", "zz"],
-        ["one.log", "virtual:x", "--speed", "0"],
-        ["one.log", "virtual:x", "--end", "-1"],
-        ["one.log"],
-    ],
-)
-def test_wrong_usage_ends_with_two_and_one_line(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
-) -> None:
-    write(tmp_path / "one.log", frames_at([START_NS]))
-    monkeypatch.chdir(tmp_path)
-    assert murk(monkeypatch, "play", *arguments) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert "Traceback" not in captured.err
-
-
-def test_a_signal_ends_a_loop_with_a_summary(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = write(tmp_path / "one.log", frames_at([START_NS + k * 1_000_000 for k in range(10)]))
-    timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
-    timer.start()
-    try:
-        assert murk(monkeypatch, "play", str(log), "virtual:signal", "--loop", "--json") == 0
-    finally:
-        timer.cancel()
-    summary = json.loads(capsys.readouterr().out)
-    assert summary["laps"] > 1
-    assert summary["frames"] > 10

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from node.bus.in_process import Bus
 from tests.ros2.listening import ListenerProcess
 
 _DOMAINS = itertools.count(os.getpid())
@@ -19,6 +20,13 @@ _DOMAINS = itertools.count(os.getpid())
 def domain() -> int:
     """Return a DDS domain that no other test of this process has."""
     return 1 + next(_DOMAINS) % 100  # beyond, its ports may be taken by others
+
+
+@pytest.fixture
+def bus() -> Iterator[Bus]:
+    """Return a bus within this process."""
+    with Bus() as opened:
+        yield opened
 
 
 @pytest.fixture

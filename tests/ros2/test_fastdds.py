@@ -16,7 +16,8 @@ from models.degrade.parameters import to_json
 from models.estimate.level import NoiseLevel
 from node.bus.in_process import Bus
 from tests.ros2.listening import GHOSTS, ListenerProcess, noise_level, wait_until
-from tests.ros2.test_ros2 import TOPIC, open_output
+from tests.ros2.outputs import open_output
+from tests.ros2.test_ros2 import TOPIC
 
 SOURCE = Path(__file__).with_name("fastdds.cpp")
 HEADERS = ("fastdds/dds/topic/TypeSupport.hpp", "fastcdr/Cdr.h")
